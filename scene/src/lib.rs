@@ -1,0 +1,40 @@
+//! What every Isophote technique shares: scenes, ray tracers and the integrators that define the right answer.
+//!
+//! The way through the crate is the way of a picture:
+//!
+//! 1. A file becomes a [`Scene`]: [`load()`], or [`builtin`] for scenes that need no file.
+//! 2. A [`Tracer`] is built of it ([`BuildTracer`]): [`BvhTracer`] is exact, [`BruteForceTracer`] the oracle.
+//! 3. A [`Camera`] gives rays, a [`Hit`] becomes a [`SurfacePoint`] with its [`SurfaceMaterial`].
+//! 4. [`reference`] computes what light arrives there.
+//! 5. The result is an [`Image`] of named layers.
+
+mod animation;
+mod camera;
+mod environment;
+mod error;
+mod image;
+mod light;
+mod material;
+mod mesh;
+mod scene;
+mod surface;
+mod texture;
+mod trace;
+
+pub use self::{
+    animation::{Animation, Channel, Interpolation, Keys, Local, Node, Track},
+    camera::{Camera, Projection},
+    environment::EnvironmentMap,
+    error::{Error, Result},
+    image::Image,
+    light::{Environment, Light, LightKind},
+    material::{Alpha, Material, TextureRef},
+    mesh::{Aabb, Mesh},
+    scene::{Dropped, Instance, InstanceMask, LoadReport, Scene, area, clean, unit_normal},
+    surface::{SurfaceMaterial, SurfacePoint},
+    texture::{ColorSpace, Filter, Texture, Wrap, linear_to_srgb, srgb_to_linear},
+    trace::{
+        Answers, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Directions, Hit,
+        ParallelTracer, Ray, Selection, SurfaceId, Tracer,
+    },
+};

@@ -1,0 +1,303 @@
+//! The scene: meshes placed in the world, what they are made of, and what lights them.
+
+use std::sync::Arc;
+
+use glam::{Affine3A, Vec3};
+
+use crate::{Aabb, Animation, Camera, Environment, Light, Material, Mesh, Texture};
+
+/// Everything there is to render. Metres, right-handed, +Y up.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    /// Triangle meshes; an instance places one in the world.
+    pub meshes: Vec<Arc<Mesh>>,
+    /// What [`Mesh::triangle_materials`] points at.
+    pub materials: Vec<Material>,
+    /// What [`TextureRef::texture`](crate::TextureRef::texture) points at.
+    pub textures: Vec<Arc<Texture>>,
+    /// Meshes placed in the world.
+    pub instances: Vec<Instance>,
+    /// Lights without geometry.
+    pub lights: Vec<Light>,
+    /// The light that comes from outside.
+    pub environment: Environment,
+    /// Viewpoints; the first is the default.
+    pub cameras: Vec<Camera>,
+    /// The node hierarchy and how it moves.
+    pub animation: Animation,
+    /// What the loader dropped, replaced or did not understand.
+    pub report: LoadReport,
+}
+
+/// A mesh placed in the world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Instance {
+    /// The name of its node; may be empty.
+    pub name: String,
+    /// Index in [`Scene::meshes`].
+    pub mesh: u32,
+    /// From the mesh's space to the world's; invertible, also mirroring.
+    pub transform: Affine3A,
+    /// The roles it plays.
+    pub mask: InstanceMask,
+    /// The node that moves it, if any.
+    pub node: Option<u32>,
+}
+
+impl Instance {
+    /// A mesh placed in the world, with every role.
+    pub fn new(mesh: u32, transform: Affine3A) -> Self {
+        Self {
+            name: String::new(),
+            mesh,
+            transform,
+            mask: InstanceMask::ALL,
+            node: None,
+        }
+    }
+}
+
+/// The roles an instance plays; a set of bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct InstanceMask(u8);
+
+impl InstanceMask {
+    /// No role.
+    pub const NONE: Self = Self(0);
+    /// It never moves, so precomputed structures may hold it.
+    pub const STATIC: Self = Self(1);
+    /// It blocks and bounces light.
+    pub const CASTER: Self = Self(2);
+    /// Light is computed for it.
+    pub const RECEIVER: Self = Self(4);
+    /// Every role.
+    pub const ALL: Self = Self(7);
+
+    /// Whether every role of `other` is played.
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// The roles of both.
+    #[must_use]
+    pub const fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// These roles without those of `other`.
+    #[must_use]
+    pub const fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+}
+
+/// What happened at load that the user should know.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LoadReport {
+    /// One line each: ignored optional extensions, missing files, replaced values.
+    pub warnings: Vec<String>,
+    /// Geometry that was dropped.
+    pub dropped: Dropped,
+}
+
+/// Numbers of triangles that were dropped at load, by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Dropped {
+    /// With an index beyond the vertices.
+    pub out_of_range: u64,
+    /// With a NaN or infinite position.
+    pub non_finite: u64,
+    /// With no area.
+    pub zero_area: u64,
+}
+
+impl Dropped {
+    /// All of them.
+    pub fn total(&self) -> u64 {
+        self.out_of_range + self.non_finite + self.zero_area
+    }
+}
+
+impl Scene {
+    /// Number of triangles over all instances.
+    pub fn triangle_count(&self) -> usize {
+        self.instances
+            .iter()
+            .map(|instance| self.mesh(instance).triangles.len())
+            .sum()
+    }
+
+    /// The mesh of an instance.
+    #[inline]
+    pub fn mesh(&self, instance: &Instance) -> &Arc<Mesh> {
+        &self.meshes[instance.mesh as usize]
+    }
+
+    /// The box around all instances; empty without geometry.
+    pub fn bounds(&self) -> Aabb {
+        self.instances.iter().fold(Aabb::EMPTY, |bounds, instance| {
+            let mesh = self.mesh(instance).bounds();
+            if mesh.is_empty() {
+                return bounds;
+            }
+            let corners = mesh
+                .corners()
+                .map(|corner| instance.transform.transform_point3(corner));
+            bounds.union(&Aabb::around(corners))
+        })
+    }
+
+    /// The camera of that name.
+    pub fn camera(&self, name: &str) -> Option<&Camera> {
+        self.cameras.iter().find(|camera| camera.name == name)
+    }
+
+    /// Whether anything gives light: a light, an emissive triangle or the environment.
+    pub fn has_light(&self) -> bool {
+        let shines = |light: &Light| light.intensity.max_element() > 0.0;
+        let emits = |instance: &Instance| {
+            self.mesh(instance)
+                .triangle_materials
+                .iter()
+                .any(|&material| self.materials[material as usize].is_emissive())
+        };
+        self.lights.iter().any(shines)
+            || !self.environment.is_black()
+            || (self.materials.iter().any(Material::is_emissive)
+                && self.instances.iter().any(emits))
+    }
+
+    /// Moves everything that is animated to where it is at a time in seconds.
+    pub fn set_time(&mut self, seconds: f32) {
+        let world = self.animation.world_transforms(seconds);
+        let at = |node: Option<u32>| node.and_then(|node| world.get(node as usize).copied());
+        for instance in &mut self.instances {
+            instance.transform = at(instance.node).unwrap_or(instance.transform);
+        }
+        for light in &mut self.lights {
+            light.transform = at(light.node).unwrap_or(light.transform);
+        }
+        for camera in &mut self.cameras {
+            camera.transform = at(camera.node).unwrap_or(camera.transform);
+        }
+    }
+
+    /// The transforms of all instances, as [`BuildTracer::update`](crate::BuildTracer::update) takes them.
+    pub fn transforms(&self) -> Vec<Affine3A> {
+        self.instances
+            .iter()
+            .map(|instance| instance.transform)
+            .collect()
+    }
+
+    /// Puts another scene's meshes into this one, placed by `transform`; its lights and cameras are left out.
+    /// Returns the range of the new instances.
+    pub fn add(&mut self, other: &Self, transform: Affine3A) -> std::ops::Range<usize> {
+        let (meshes, materials) = (self.meshes.len() as u32, self.materials.len() as u32);
+        let textures = self.textures.len() as u32;
+        self.textures.extend(other.textures.iter().cloned());
+        self.materials
+            .extend(other.materials.iter().cloned().map(|mut material| {
+                for texture in material.textures_mut() {
+                    texture.texture += textures;
+                }
+                material
+            }));
+        self.meshes.extend(other.meshes.iter().map(|mesh| {
+            let mut mesh = Mesh::clone(mesh);
+            mesh.triangle_materials
+                .iter_mut()
+                .for_each(|material| *material += materials);
+            Arc::new(mesh)
+        }));
+        let first = self.instances.len();
+        self.instances
+            .extend(other.instances.iter().map(|instance| Instance {
+                mesh: instance.mesh + meshes,
+                transform: transform * instance.transform,
+                node: None,
+                ..instance.clone()
+            }));
+        self.report
+            .warnings
+            .extend(other.report.warnings.iter().cloned());
+        first..self.instances.len()
+    }
+
+    /// Bytes held by meshes and textures.
+    pub fn bytes(&self) -> usize {
+        self.meshes.iter().map(|mesh| mesh.bytes()).sum::<usize>()
+            + self
+                .textures
+                .iter()
+                .map(|texture| texture.bytes())
+                .sum::<usize>()
+    }
+}
+
+/// Drops the triangles that nothing can be computed with and counts them: indices out of range, positions that
+/// are not finite, areas that are zero. Replaces normals that are not unit vectors by the geometric one.
+///
+/// Every loader and every built-in scene goes through this, so that nothing after it needs to check again.
+pub fn clean(mesh: &mut Mesh) -> Dropped {
+    let mut dropped = Dropped::default();
+    let positions = &mesh.positions;
+    let mut keep = Vec::with_capacity(mesh.triangles.len());
+    for triangle in &mesh.triangles {
+        keep.push(match triangle.map(|i| positions.get(i as usize).copied()) {
+            [Some(a), Some(b), Some(c)] => {
+                if !(a.is_finite() && b.is_finite() && c.is_finite()) {
+                    dropped.non_finite += 1;
+                    false
+                } else if has_area(a, b, c) {
+                    true
+                } else {
+                    dropped.zero_area += 1;
+                    false
+                }
+            }
+            _ => {
+                dropped.out_of_range += 1;
+                false
+            }
+        });
+    }
+    if dropped.total() > 0 {
+        retain(&mut mesh.triangles, &keep);
+        retain(&mut mesh.triangle_materials, &keep);
+    }
+    for triangle in 0..mesh.triangles.len() {
+        let [a, b, c] = mesh.corners(triangle);
+        for vertex in mesh.triangles[triangle] {
+            let normal = &mut mesh.normals[vertex as usize];
+            if !normal.is_finite() || (normal.length_squared() - 1.0).abs() > 1e-4 {
+                *normal = normal
+                    .try_normalize()
+                    .unwrap_or_else(|| unit_normal(a, b, c));
+            }
+        }
+    }
+    dropped
+}
+
+/// The unit geometric normal of a triangle, counter-clockwise front; in 64 bits, so that no scale underflows.
+pub fn unit_normal(a: Vec3, b: Vec3, c: Vec3) -> Vec3 {
+    let (a, b, c) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
+    (b - a).cross(c - a).normalize_or_zero().as_vec3()
+}
+
+/// A triangle's area in square metres, calculated in 64 bits.
+pub fn area(a: Vec3, b: Vec3, c: Vec3) -> f64 {
+    let (a, b, c) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
+    0.5 * (b - a).cross(c - a).length()
+}
+
+/// Whether three points span an area in 64-bit arithmetic: 32-bit products of a millimetre-sized model underflow.
+fn has_area(a: Vec3, b: Vec3, c: Vec3) -> bool {
+    area(a, b, c) > 0.0
+}
+
+fn retain<T>(values: &mut Vec<T>, keep: &[bool]) {
+    let mut flags = keep.iter();
+    values.retain(|_| flags.next().copied().unwrap_or(false));
+}

@@ -1,0 +1,140 @@
+//! The oracle: every ray against every triangle.
+
+use std::sync::Arc;
+
+use glam::{Affine3A, Vec3};
+
+use super::{Answers, BuildTracer, Hit, Ray, Selection, SurfaceId, Tracer, triangle::Shear};
+use crate::{Aabb, Error, Result, Scene, surface::alpha_passes};
+
+/// Tests every triangle, so that nothing can be missed. For checking other tracers on small scenes.
+#[derive(Clone, Debug)]
+pub struct BruteForceTracer {
+    scene: Arc<Scene>,
+    selection: Selection,
+    triangles: Vec<WorldTriangle>,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct WorldTriangle {
+    pub(crate) corners: [Vec3; 3],
+    pub(crate) surface: SurfaceId,
+}
+
+/// The selected triangles in world space, in the order of instances and primitives.
+pub(crate) fn world_triangles(
+    scene: &Scene,
+    transforms: &[Affine3A],
+    selection: &Selection,
+) -> Vec<WorldTriangle> {
+    let mut triangles = Vec::new();
+    for (index, (instance, transform)) in scene.instances.iter().zip(transforms).enumerate() {
+        if !instance.mask.contains(selection.mask) {
+            continue;
+        }
+        let mesh = scene.mesh(instance);
+        for primitive in 0..mesh.triangles.len() {
+            let corners = mesh
+                .corners(primitive)
+                .map(|corner| transform.transform_point3(corner));
+            let bounds = Aabb::around(corners);
+            if selection
+                .bounds
+                .is_none_or(|selected| selected.overlaps(&bounds))
+            {
+                let surface = SurfaceId {
+                    instance: index as u32,
+                    primitive: primitive as u32,
+                };
+                triangles.push(WorldTriangle { corners, surface });
+            }
+        }
+    }
+    triangles
+}
+
+/// The transforms of a scene's instances must be one each.
+pub(crate) fn check_transforms(scene: &Scene, transforms: &[Affine3A]) -> Result<()> {
+    if transforms.len() == scene.instances.len() {
+        return Ok(());
+    }
+    Err(Error::Parameter {
+        name: "the number of transforms",
+        value: transforms.len().to_string(),
+        expected: "there must be one per instance",
+    })
+}
+
+impl BruteForceTracer {
+    fn trace(&self, ray: &Ray, start: SurfaceId) -> Option<Hit> {
+        if !ray.is_valid() {
+            return None;
+        }
+        let shear = Shear::new(ray);
+        let mut closest: Option<Hit> = None;
+        for triangle in &self.triangles {
+            let limit = closest.map_or(ray.t_max, |hit| hit.t);
+            if triangle.surface == start {
+                continue;
+            }
+            let Some((t, uv)) = shear.intersect(triangle.corners, ray.t_min, limit) else {
+                continue;
+            };
+            // Of hits at the same distance the first in scene order counts, for every exact tracer.
+            if t < limit && alpha_passes(&self.scene, triangle.surface, uv) {
+                closest = Some(Hit {
+                    t,
+                    uv,
+                    surface: triangle.surface,
+                });
+            }
+        }
+        closest
+    }
+}
+
+impl Tracer for BruteForceTracer {
+    fn answers(&self) -> Answers {
+        Answers::Surface
+    }
+
+    fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
+        self.trace(ray, SurfaceId::UNKNOWN)
+    }
+
+    fn closest_hit_from(&self, ray: &Ray, start: SurfaceId) -> Option<Hit> {
+        self.trace(ray, start)
+    }
+
+    fn any_hit_from(&self, ray: &Ray, start: SurfaceId) -> bool {
+        self.trace(ray, start).is_some()
+    }
+}
+
+impl BuildTracer for BruteForceTracer {
+    type Options = ();
+
+    fn build(scene: &Arc<Scene>, selection: &Selection, (): &()) -> Result<Self> {
+        let triangles = world_triangles(scene, &scene.transforms(), selection);
+        if triangles.is_empty() {
+            return Err(Error::NoGeometry {
+                reason: "no triangle is selected".into(),
+            });
+        }
+        Ok(Self {
+            scene: scene.clone(),
+            selection: *selection,
+            triangles,
+        })
+    }
+
+    fn update(&mut self, transforms: &[Affine3A]) -> Result<()> {
+        check_transforms(&self.scene, transforms)?;
+        self.triangles = world_triangles(&self.scene, transforms, &self.selection);
+        Ok(())
+    }
+
+    fn bytes(&self) -> usize {
+        size_of_val(&self.triangles[..])
+    }
+}
