@@ -1,8 +1,22 @@
 //! Images of named float channels, as OpenEXR keeps them.
+//!
+//! [`Image::save`] writes what is calculated with (EXR) or looked at (PNG), [`Image::load`] reads both.
 
-use std::collections::BTreeMap;
+mod display;
+#[cfg(feature = "exr")]
+mod exr;
 
+use std::{collections::BTreeMap, path::Path};
+
+use ::image::ImageFormat;
 use glam::Vec3;
+
+use crate::{Error, Result};
+
+/// Most pixels on a side of an image.
+const MAX_SIDE: u32 = 16_384;
+/// Most bytes of float samples in an image.
+const MAX_BYTES: u64 = 8 << 30;
 
 /// A float image: channels named as in OpenEXR, and the settings it was made with.
 ///
@@ -29,6 +43,11 @@ pub struct Channel {
 }
 
 impl Image {
+    /// Most pixels on a side of an image that can be loaded.
+    pub const MAX_SIDE: u32 = MAX_SIDE;
+    /// Most bytes of float samples, over all channels, of an image that can be loaded.
+    pub const MAX_BYTES: u64 = MAX_BYTES;
+
     /// An image without channels.
     pub fn new(width: u32, height: u32) -> Self {
         Self {
@@ -83,6 +102,77 @@ impl Image {
                 .collect(),
         )
     }
+}
+
+impl Image {
+    /// Reads OpenEXR (any pixel type, all parts and layers), Radiance HDR, PNG and other 8-bit formats, chosen by
+    /// the file's suffix. 8- and 16-bit values are taken as sRGB and linearised; every EXR text is an attribute.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Malformed`] for files that are cut, empty or lie about themselves,
+    /// [`Error::UnknownFormat`], [`Error::Unsupported`] for deep or subsampled EXR, and [`Error::TooLarge`] beyond
+    /// [`MAX_SIDE`](Self::MAX_SIDE) or [`MAX_BYTES`](Self::MAX_BYTES).
+    pub fn load(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        match suffix(path).as_str() {
+            #[cfg(feature = "exr")]
+            "exr" => exr::load(path),
+            suffix => match ImageFormat::from_extension(suffix) {
+                Some(format) if format.reading_enabled() => display::load(path, format),
+                _ => Err(Error::UnknownFormat {
+                    path: path.to_owned(),
+                    known: ".exr, .hdr, .png and .jpg",
+                }),
+            },
+        }
+    }
+
+    /// Writes an EXR file (one part, 32-bit floats, all channels and attributes) or a PNG file
+    /// ([`save_png`](Self::save_png) at exposure 0), chosen by the file's suffix. The file appears whole or not at all.
+    ///
+    /// Attributes with a name that OpenEXR has a meaning of its own for (`comments`, `owner`, …) are an error.
+    ///
+    /// # Errors
+    /// [`Error::Io`] and [`Error::UnknownFormat`].
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
+        let path = path.as_ref();
+        match suffix(path).as_str() {
+            #[cfg(feature = "exr")]
+            "exr" => exr::save(self, path),
+            "png" => self.save_png(path, 0.0),
+            _ => Err(Error::UnknownFormat {
+                path: path.to_owned(),
+                known: ".exr and .png",
+            }),
+        }
+    }
+
+    /// Writes the picture for looking at: R, G, B times 2^`exposure` as 8-bit sRGB. Attributes become text chunks,
+    /// and so does the exposure.
+    ///
+    /// # Errors
+    /// [`Error::Io`], and [`Error::Parameter`] when there are no channels `R`, `G`, `B`.
+    pub fn save_png(&self, path: impl AsRef<Path>, exposure: f32) -> Result<()> {
+        display::save(self, path.as_ref(), exposure)
+    }
+}
+
+fn suffix(path: &Path) -> String {
+    path.extension()
+        .and_then(|suffix| suffix.to_str())
+        .unwrap_or_default()
+        .to_ascii_lowercase()
+}
+
+fn check_size(path: &Path, width: u64, height: u64) -> Result<()> {
+    if width == 0 || height == 0 {
+        return Err(Error::malformed(path, "has no pixels"));
+    }
+    if width.max(height) > u64::from(MAX_SIDE) {
+        let reason = format!("{width}×{height} pixels; at most {MAX_SIDE} on a side are read");
+        return Err(Error::malformed(path, reason));
+    }
+    Ok(())
 }
 
 fn channel_name(layer: &str, letter: char) -> String {

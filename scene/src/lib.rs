@@ -16,6 +16,7 @@ mod image;
 mod light;
 mod material;
 mod mesh;
+mod output;
 mod scene;
 mod surface;
 mod texture;
@@ -30,6 +31,7 @@ pub use self::{
     light::{Environment, Light, LightKind},
     material::{Alpha, Material, TextureRef},
     mesh::{Aabb, Mesh},
+    output::{check_writable, write_atomically},
     scene::{Dropped, Instance, InstanceMask, LoadReport, Scene, area, clean, unit_normal},
     surface::{SurfaceMaterial, SurfacePoint},
     texture::{ColorSpace, Filter, Texture, Wrap, linear_to_srgb, srgb_to_linear},
