@@ -1,1 +1,1 @@
-//! Filled by the next commits.
+#![doc = include_str!("../README.md")]

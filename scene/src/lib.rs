@@ -40,3 +40,8 @@ pub use self::{
         ParallelTracer, Ray, Selection, SurfaceId, Tracer,
     },
 };
+
+/// Runs the examples of the READMEs as doc tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
