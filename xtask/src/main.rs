@@ -2,8 +2,13 @@
 //!
 //! One file per command. There is no graphics code here: every command drives cargo or the `isophote` binary.
 
+mod bench;
+mod isophote;
+mod machine;
 mod test;
 mod workspace;
+
+use std::process::ExitCode;
 
 use clap::Parser;
 
@@ -16,10 +21,19 @@ use clap::Parser;
 )]
 enum Command {
     Test(test::Arguments),
+    Bench(bench::Arguments),
 }
 
-fn main() -> anyhow::Result<()> {
-    match Command::parse() {
+fn main() -> ExitCode {
+    let result = match Command::parse() {
         Command::Test(arguments) => test::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
     }
 }

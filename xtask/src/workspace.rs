@@ -65,6 +65,8 @@ fn shown(command: &Command) -> String {
 pub(crate) struct Workspace {
     /// The workspace's own packages.
     pub(crate) packages: Vec<Package>,
+    /// Where cargo puts what it builds.
+    pub(crate) target_directory: PathBuf,
 }
 
 /// One crate of the workspace.

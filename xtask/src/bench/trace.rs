@@ -1,0 +1,306 @@
+//! `cargo xtask bench trace`: how many rays a second the exact tracer answers.
+//!
+//! Every repeat measures each case once, so that a machine that slows down for a while slows all cases alike and
+//! the ratios between their medians hold.
+
+use std::{fs, path::PathBuf};
+
+use anyhow::{Context, Result};
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::{isophote::Isophote, machine::Machine, workspace::Workspace};
+
+/// Rays per second of closest and any hit, coherent and diffuse rays, one thread and all
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// A scene file or builtin:NAME; may be given more than once
+    #[arg(long = "scene", value_name = "SCENE", default_values = ["builtin:atrium", "builtin:office", "builtin:hairball"])]
+    scenes: Vec<String>,
+    /// The tracer to measure
+    #[arg(long, default_value = "bvh")]
+    tracer: String,
+    /// Rays of each kind
+    #[arg(long, default_value_t = 1_000_000, value_parser = clap::value_parser!(u32).range(1..))]
+    count: u32,
+    /// Measurements of each case, whose median counts
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
+    repeats: u32,
+    /// Seed of the rays
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Where to write the results; standard output unless given
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    machine: Machine,
+    settings: Settings<'a>,
+    scenes: Vec<SceneReport>,
+}
+
+#[derive(Serialize)]
+struct Settings<'a> {
+    tracer: &'a str,
+    rays: u32,
+    repeats: u32,
+    seed: u64,
+}
+
+#[derive(Serialize)]
+struct SceneReport {
+    scene: String,
+    /// What the application says of the tracer: seconds to build it and bytes it holds, where it says so.
+    build_seconds: Option<f64>,
+    bytes: Option<u64>,
+    cases: Vec<Case>,
+    ratios: Vec<Ratio>,
+}
+
+/// One kind of rays, one question, one number of threads.
+#[derive(Serialize)]
+struct Case {
+    rays: &'static str,
+    mode: &'static str,
+    threads: usize,
+    median_rays_per_second: f64,
+    rays_per_second: Vec<f64>,
+}
+
+/// How many times as fast one case is as another, by their medians.
+#[derive(Serialize)]
+struct Ratio {
+    what: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rays: Option<&'static str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mode: Option<&'static str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    threads: Option<usize>,
+    ratio: f64,
+}
+
+const KINDS: [&str; 2] = ["coherent", "diffuse"];
+const MODES: [&str; 2] = ["closest", "any"];
+
+/// Measures every scene and writes the report.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    let isophote = Isophote::build()?;
+    let machine = Machine::current();
+    let folder = Workspace::load()?.target_directory.join("bench");
+    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let bench = Bench {
+        arguments,
+        isophote,
+        folder,
+        threads: machine.threads,
+    };
+    let scenes = arguments
+        .scenes
+        .iter()
+        .map(|scene| bench.scene(scene))
+        .collect::<Result<_>>()?;
+    let settings = Settings {
+        tracer: &arguments.tracer,
+        rays: arguments.count,
+        repeats: arguments.repeats,
+        seed: arguments.seed,
+    };
+    let report = Report {
+        machine,
+        settings,
+        scenes,
+    };
+    let text = serde_json::to_string_pretty(&report)? + "\n";
+    match &arguments.json {
+        None => print!("{text}"),
+        Some(path) => {
+            fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        }
+    }
+    Ok(())
+}
+
+struct Bench<'a> {
+    arguments: &'a Arguments,
+    isophote: Isophote,
+    folder: PathBuf,
+    threads: usize,
+}
+
+impl Bench<'_> {
+    fn scene(&self, scene: &str) -> Result<SceneReport> {
+        for kind in KINDS {
+            eprintln!("{scene}: making {kind} rays");
+            let (count, seed) = (self.arguments.count, self.arguments.seed);
+            let rays = self.file(kind);
+            self.isophote.run(&[
+                "trace",
+                scene,
+                "--make",
+                kind,
+                "--count",
+                &count.to_string(),
+                "--seed",
+                &seed.to_string(),
+                "-o",
+                &rays,
+            ])?;
+        }
+        let mut threads = vec![1, self.threads];
+        threads.dedup();
+        let mut cases: Vec<_> = threads
+            .iter()
+            .flat_map(|&threads| KINDS.map(|kind| (threads, kind)))
+            .flat_map(|(threads, rays)| MODES.map(|mode| (threads, rays, mode)))
+            .map(|(threads, rays, mode)| Case {
+                rays,
+                mode,
+                threads,
+                median_rays_per_second: 0.0,
+                rays_per_second: Vec::new(),
+            })
+            .collect();
+        let mut last = Value::Null;
+        for repeat in 1..=self.arguments.repeats {
+            for case in &mut cases {
+                last = self.measure(scene, case)?;
+                let rate = case.rays_per_second.last().copied().unwrap_or_default();
+                eprintln!(
+                    "{scene}: {repeat}/{} {} {} hit, {} threads: {:.2} million rays/s",
+                    self.arguments.repeats,
+                    case.rays,
+                    case.mode,
+                    case.threads,
+                    rate / 1e6
+                );
+            }
+        }
+        for case in &mut cases {
+            case.median_rays_per_second = median(&case.rays_per_second);
+        }
+        Ok(SceneReport {
+            scene: scene.to_owned(),
+            build_seconds: last["build_seconds"].as_f64(),
+            bytes: last["bytes"].as_u64(),
+            ratios: ratios(&cases),
+            cases,
+        })
+    }
+
+    /// Traces the rays of a case once and keeps the rate.
+    fn measure(&self, scene: &str, case: &mut Case) -> Result<Value> {
+        let report = self.isophote.json(&[
+            "trace",
+            scene,
+            "--tracer",
+            &self.arguments.tracer,
+            "--mode",
+            case.mode,
+            "--threads",
+            &case.threads.to_string(),
+            "--rays",
+            &self.file(case.rays),
+            "-o",
+            &self.file("hits"),
+            "--json",
+        ])?;
+        let rate = report["rays_per_second"]
+            .as_f64()
+            .context("`isophote trace --json` printed no `rays_per_second`")?;
+        case.rays_per_second.push(rate);
+        Ok(report)
+    }
+
+    fn file(&self, name: &str) -> String {
+        let path = self.folder.join(name).with_extension("npy");
+        path.to_string_lossy().into_owned()
+    }
+}
+
+/// Any hit over closest hit, diffuse over coherent rays, all threads over one.
+fn ratios(cases: &[Case]) -> Vec<Ratio> {
+    let mut ratios = Vec::new();
+    for case in cases {
+        let over = |rays: &str, mode: &str, threads: usize| {
+            let base = cases
+                .iter()
+                .find(|base| base.rays == rays && base.mode == mode && base.threads == threads)?;
+            Some(case.median_rays_per_second / base.median_rays_per_second)
+        };
+        let any = over(case.rays, "closest", case.threads).filter(|_| case.mode == "any");
+        let diffuse = over("coherent", case.mode, case.threads).filter(|_| case.rays == "diffuse");
+        let all = over(case.rays, case.mode, 1).filter(|_| case.threads > 1);
+        let (rays, mode, threads) = (Some(case.rays), Some(case.mode), Some(case.threads));
+        let found = [
+            ("any / closest", rays, None, threads, any),
+            ("diffuse / coherent", None, mode, threads, diffuse),
+            ("all threads / one", rays, mode, None, all),
+        ];
+        ratios.extend(
+            found
+                .into_iter()
+                .filter_map(|(what, rays, mode, threads, ratio)| {
+                    Some(Ratio {
+                        what,
+                        rays,
+                        mode,
+                        threads,
+                        ratio: ratio?,
+                    })
+                }),
+        );
+    }
+    ratios
+}
+
+/// The middle value, or the mean of the two in the middle.
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let middle = sorted.len() / 2;
+    match sorted.len() % 2 {
+        _ if sorted.is_empty() => 0.0,
+        0 => (sorted[middle - 1] + sorted[middle]) / 2.0,
+        _ => sorted[middle],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_is_in_the_middle() {
+        assert_eq!(median(&[5.0, 1.0, 3.0]), 3.0);
+        assert_eq!(median(&[4.0, 1.0, 3.0, 2.0]), 2.5);
+    }
+
+    #[test]
+    fn ratios_compare_cases_that_differ_in_one_thing() {
+        let case = |rays, mode, threads, median_rays_per_second| Case {
+            rays,
+            mode,
+            threads,
+            median_rays_per_second,
+            rays_per_second: vec![],
+        };
+        let cases = [
+            case("coherent", "closest", 1, 4.0),
+            case("diffuse", "closest", 1, 1.0),
+            case("diffuse", "any", 1, 3.0),
+            case("diffuse", "any", 2, 5.4),
+        ];
+        let found: Vec<_> = ratios(&cases).iter().map(|r| (r.what, r.ratio)).collect();
+        assert_eq!(
+            found,
+            [
+                ("diffuse / coherent", 0.25),
+                ("any / closest", 3.0),
+                ("all threads / one", 1.8),
+            ]
+        );
+    }
+}
