@@ -9,6 +9,7 @@
 //! 5. The result is an [`Image`] of named layers.
 
 mod animation;
+mod bsdf;
 mod camera;
 mod environment;
 mod error;
@@ -17,6 +18,9 @@ mod light;
 mod material;
 mod mesh;
 mod output;
+mod receivers;
+pub mod reference;
+pub mod sample;
 mod scene;
 mod surface;
 mod texture;
@@ -24,6 +28,7 @@ mod trace;
 
 pub use self::{
     animation::{Animation, Channel, Interpolation, Keys, Local, Node, Track},
+    bsdf::{Bsdf, BsdfSample, MIRROR_ROUGHNESS, fresnel},
     camera::{Camera, Projection},
     environment::EnvironmentMap,
     error::{Error, Result},
@@ -32,6 +37,7 @@ pub use self::{
     material::{Alpha, Material, TextureRef},
     mesh::{Aabb, Mesh},
     output::{check_writable, write_atomically},
+    receivers::{Receiver, Receivers},
     scene::{Dropped, Instance, InstanceMask, LoadReport, Scene, area, clean, unit_normal},
     surface::{SurfaceMaterial, SurfacePoint},
     texture::{ColorSpace, Filter, Texture, Wrap, linear_to_srgb, srgb_to_linear},

@@ -94,6 +94,22 @@ impl Aabb {
         self.max = self.max.max(point);
     }
 
+    /// The box, made to contain a point.
+    #[must_use]
+    pub fn grown(mut self, point: Vec3) -> Self {
+        self.grow(point);
+        self
+    }
+
+    /// The largest absolute value of any coordinate, which rounding errors are relative to; 0 when empty.
+    pub fn largest_coordinate(&self) -> f32 {
+        if self.is_empty() {
+            0.0
+        } else {
+            self.min.abs().max(self.max.abs()).max_element()
+        }
+    }
+
     /// The smallest box around two.
     #[must_use]
     pub fn union(&self, other: &Self) -> Self {

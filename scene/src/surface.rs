@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3, Vec4};
 
-use crate::{Alpha, Hit, Material, Mesh, Scene, SurfaceId, TextureRef, unit_normal};
+use crate::{Aabb, Alpha, Hit, Material, Mesh, Scene, SurfaceId, TextureRef, unit_normal};
 
 /// A point on a surface, in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -11,6 +11,8 @@ pub struct SurfacePoint {
     pub surface: SurfaceId,
     /// Metres.
     pub position: Vec3,
+    /// How far `position` may be off the triangle's plane by rounding, metres: rays that start here are lifted by it.
+    pub error: f32,
     /// Unit normal of the triangle; its counter-clockwise side is the front.
     pub geometric_normal: Vec3,
     /// Unit interpolated normal of the vertices.
@@ -40,6 +42,16 @@ pub struct SurfaceMaterial {
     pub ior: f32,
     /// See [`Material::unlit`].
     pub unlit: bool,
+}
+
+impl SurfacePoint {
+    /// Where a ray in a direction starts: lifted to the direction's side of the triangle by the rounding error and
+    /// what else the tracer asks for, so that it does not hit the triangle it starts on.
+    #[inline]
+    pub fn lifted(&self, direction: Vec3, tolerance: f32) -> Vec3 {
+        let side = 1_f32.copysign(self.geometric_normal.dot(direction));
+        self.position + side * (self.error + tolerance) * self.geometric_normal
+    }
 }
 
 impl Scene {
@@ -75,9 +87,14 @@ impl Scene {
         } else {
             turned
         };
+        // Rounding is relative to the largest coordinate that took part: the corners' and the translation's.
+        let largest = Aabb::around(corners)
+            .grown(instance.transform.translation.into())
+            .largest_coordinate();
         SurfacePoint {
             surface,
             position: weights[0] * a + weights[1] * b + weights[2] * c,
+            error: 16.0 * f32::EPSILON * largest,
             geometric_normal,
             shading_normal: turned.try_normalize().unwrap_or(geometric_normal),
             uvs: [0, 1].map(|set| texture_coordinates(mesh, set, indices, weights)),
