@@ -124,7 +124,7 @@ fn white_furnace() {
             Quantity::IrradianceDirect,
             Quantity::Ao,
         ];
-        let values = at(&scene, Vec2::new(0.3, 0.2), &quantities, &settings(4096));
+        let values = at(&scene, Vec2::new(0.3, 0.2), &quantities, &settings(1 << 17));
         assert_close("direct", values[0], albedo * radiance, 0.005);
         assert_close("indirect", values[1], albedo * albedo * radiance, 0.005);
         let path: f32 = (1..=8).map(|k| albedo.powi(k) * radiance).sum();
