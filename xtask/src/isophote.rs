@@ -10,14 +10,26 @@ use serde_json::Value;
 
 use crate::workspace::{cargo, output, root};
 
+/// Which `isophote` a command drives.
+#[derive(clap::Args)]
+pub(crate) struct Source {
+    /// Drive this `isophote` instead of building one
+    #[arg(long = "isophote", value_name = "FILE")]
+    executable: Option<PathBuf>,
+}
+
 /// The application, ready to run.
 pub(crate) struct Isophote {
     executable: PathBuf,
 }
 
-impl Isophote {
-    /// Builds it in release; cargo says what it does.
-    pub(crate) fn build() -> Result<Self> {
+impl Source {
+    /// The one that was named, or this workspace's, built in release; cargo says what it does.
+    pub(crate) fn isophote(&self) -> Result<Isophote> {
+        if let Some(named) = &self.executable {
+            let executable = std::path::absolute(named)?;
+            return Ok(Isophote { executable });
+        }
         let messages = output(&mut cargo([
             "build",
             "--release",
@@ -29,9 +41,11 @@ impl Isophote {
             .filter_map(|line| serde_json::from_str::<Value>(line).ok())
             .find_map(|message| Some(PathBuf::from(message.get("executable")?.as_str()?)))
             .context("cargo built the package `isophote` but named no executable")?;
-        Ok(Self { executable })
+        Ok(Isophote { executable })
     }
+}
 
+impl Isophote {
     /// Runs it in the workspace's root and returns the JSON it prints.
     pub(crate) fn json(&self, arguments: &[&str]) -> Result<Value> {
         let printed = self.run(arguments)?;

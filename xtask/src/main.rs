@@ -3,6 +3,7 @@
 //! One file per command. There is no graphics code here: every command drives cargo or the `isophote` binary.
 
 mod bench;
+mod demo;
 mod isophote;
 mod machine;
 mod test;
@@ -21,12 +22,14 @@ use clap::Parser;
 )]
 enum Command {
     Test(test::Arguments),
+    Demo(demo::Arguments),
     Bench(bench::Arguments),
 }
 
 fn main() -> ExitCode {
     let result = match Command::parse() {
         Command::Test(arguments) => test::run(&arguments),
+        Command::Demo(arguments) => demo::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
     };
     match result {

@@ -48,7 +48,7 @@ const STEPS: [Step; 8] = [
     },
     Step {
         name: "features",
-        run: |_, workspace| workspace.packages.iter().try_for_each(features),
+        run: |_, workspace| features(workspace),
     },
     Step {
         name: "docs",
@@ -109,25 +109,40 @@ fn summarize(outcomes: &[(&str, bool, Duration)]) -> Result<()> {
 
 /// A crate must build alone with every set of features a user may choose: none, each, all; and its tests, examples
 /// and benches with the defaults.
-fn features(package: &Package) -> Result<()> {
-    let name = package.name.as_str();
-    let features: Vec<_> = package
-        .features
-        .keys()
-        .filter(|feature| *feature != "default")
+fn features(workspace: &Workspace) -> Result<()> {
+    let combinations = workspace.packages.iter().flat_map(combinations);
+    let failed: Vec<_> = combinations
+        .filter_map(|combination| {
+            let words: Vec<_> = combination.iter().map(String::as_str).collect();
+            run_command(&mut clippy(&words)).err()
+        })
+        .map(|error| error.to_string())
         .collect();
-    run_command(&mut clippy(&["--package", name, "--all-targets"]))?;
-    if features.is_empty() {
-        return Ok(());
+    if !failed.is_empty() {
+        bail!("{}", failed.join("\n"));
     }
-    let alone = ["--package", name, "--no-default-features"];
-    run_command(&mut clippy(&alone))?;
-    for feature in features {
-        run_command(&mut clippy(
-            &[&alone[..], &["--features", feature]].concat(),
-        ))?;
+    Ok(())
+}
+
+/// The arguments that choose a package and its features, once for every combination.
+fn combinations(package: &Package) -> Vec<Vec<String>> {
+    let chosen = |more: &[&str]| {
+        let words = ["--package", &package.name]
+            .into_iter()
+            .chain(more.iter().copied());
+        words.map(str::to_owned).collect::<Vec<_>>()
+    };
+    let mut combinations = vec![chosen(&["--all-targets"])];
+    let features = package.features.keys().filter(|name| *name != "default");
+    let single: Vec<_> = features
+        .map(|name| chosen(&["--no-default-features", "--features", name]))
+        .collect();
+    if !single.is_empty() {
+        combinations.push(chosen(&["--no-default-features"]));
+        combinations.extend(single);
+        combinations.push(chosen(&["--all-features"]));
     }
-    run_command(&mut clippy(&["--package", name, "--all-features"]))
+    combinations
 }
 
 /// Clippy with warnings as errors. It shares its dependencies' artefacts with `cargo check`.

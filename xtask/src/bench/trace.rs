@@ -9,7 +9,11 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::{isophote::Isophote, machine::Machine, workspace::Workspace};
+use crate::{
+    isophote::{Isophote, Source},
+    machine::Machine,
+    workspace::Workspace,
+};
 
 /// Rays per second of closest and any hit, coherent and diffuse rays, one thread and all
 #[derive(clap::Args)]
@@ -32,6 +36,8 @@ pub(crate) struct Arguments {
     /// Where to write the results; standard output unless given
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    #[command(flatten)]
+    source: Source,
 }
 
 #[derive(Serialize)]
@@ -87,7 +93,7 @@ const MODES: [&str; 2] = ["closest", "any"];
 
 /// Measures every scene and writes the report.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let isophote = Isophote::build()?;
+    let isophote = arguments.source.isophote()?;
     let machine = Machine::current();
     let folder = Workspace::load()?.target_directory.join("bench");
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
