@@ -280,7 +280,9 @@ impl Demo {
             &exr(picture),
             &exr(reference),
             "--json",
-            "-o",
+            "--quantity",
+            quantity.name,
+            "--error-image",
             &self.file(&name, "png"),
         ])?;
         let (error, bias) = if quantity.is_occlusion {
