@@ -15,6 +15,7 @@ mod environment;
 mod error;
 mod image;
 mod light;
+mod load;
 mod material;
 mod mesh;
 mod output;
@@ -34,6 +35,7 @@ pub use self::{
     error::{Error, Result},
     image::Image,
     light::{Environment, Light, LightKind},
+    load::{LoadOptions, load, load_with},
     material::{Alpha, Material, TextureRef},
     mesh::{Aabb, Mesh},
     output::{check_writable, write_atomically},

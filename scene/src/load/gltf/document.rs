@@ -1,0 +1,142 @@
+//! A file that is being loaded.
+
+use std::{
+    cell::{Cell, OnceCell},
+    ops::Range,
+    path::Path,
+};
+
+use gltf_json::Root;
+
+use super::container;
+use crate::{
+    Dropped, Error, LoadReport, Result, Scene,
+    load::{budget::Budget, files, warnings::Warnings},
+};
+
+/// The extensions that are understood, at least as far as a renderer of light needs them.
+pub(super) const SUPPORTED: &[&str] = &[
+    "EXT_meshopt_compression",
+    "EXT_texture_webp",
+    "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_transmission",
+    "KHR_materials_unlit",
+    "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
+    "KHR_texture_transform",
+];
+
+/// An open file: its JSON, its bytes, and what has happened so far.
+pub(super) struct Document<'a> {
+    pub(super) path: &'a Path,
+    pub(super) root: Root,
+    pub(super) budget: &'a Budget<'a>,
+    pub(super) warnings: Warnings,
+    bytes: Vec<u8>,
+    bin: Option<Range<usize>>,
+    /// External and embedded buffers, read when first asked for.
+    pub(super) buffers: Vec<OnceCell<Vec<u8>>>,
+    /// Views that had to be decompressed, in words for the sake of alignment.
+    pub(super) views: Vec<OnceCell<Vec<u64>>>,
+    dropped: Cell<Dropped>,
+}
+
+impl<'a> Document<'a> {
+    /// Reads a file and its JSON, and checks that its required extensions are supported.
+    pub(super) fn open(path: &'a Path, budget: &'a Budget<'a>) -> Result<Self> {
+        let (bytes, held) = files::read(path, budget)?;
+        held.keep();
+        let parts = container::split(path, &bytes)?;
+        let (root, held) = container::parse(path, &bytes[parts.json], budget)?;
+        held.keep();
+        let document = Self {
+            path,
+            budget,
+            warnings: Warnings::default(),
+            bytes,
+            bin: parts.bin,
+            buffers: root.buffers.iter().map(|_| OnceCell::new()).collect(),
+            views: root.buffer_views.iter().map(|_| OnceCell::new()).collect(),
+            dropped: Cell::default(),
+            root,
+        };
+        document.check_extensions()?;
+        Ok(document)
+    }
+
+    /// The binary chunk of a `.glb`.
+    pub(super) fn bin(&self) -> Option<&[u8]> {
+        self.bin.clone().map(|range| &self.bytes[range])
+    }
+
+    /// The item of a list that an index in the file refers to.
+    pub(super) fn item<'b, T>(&self, list: &'b [T], what: &str, index: usize) -> Result<&'b T> {
+        list.get(index).ok_or_else(|| {
+            let count = list.len();
+            self.malformed(format!("refers to {what} {index}, but there are {count}"))
+        })
+    }
+
+    pub(super) fn malformed(&self, reason: impl Into<String>) -> Error {
+        Error::malformed(self.path, reason)
+    }
+
+    pub(super) fn warn(&self, line: impl Into<String>) {
+        self.warnings.add(line);
+    }
+
+    /// Adds to the numbers of dropped triangles.
+    pub(super) fn drop_triangles(&self, dropped: Dropped) {
+        let all = self.dropped.get();
+        self.dropped.set(Dropped {
+            out_of_range: all.out_of_range + dropped.out_of_range,
+            non_finite: all.non_finite + dropped.non_finite,
+            zero_area: all.zero_area + dropped.zero_area,
+        });
+    }
+
+    /// The scene with the report of how it was loaded.
+    pub(super) fn finish(self, scene: Scene) -> Scene {
+        Scene {
+            report: LoadReport {
+                warnings: self.warnings.into_lines(),
+                dropped: self.dropped.get(),
+            },
+            ..scene
+        }
+    }
+
+    fn check_extensions(&self) -> Result<()> {
+        let unsupported = |name: &&String| !SUPPORTED.contains(&name.as_str());
+        if let Some(name) = self.root.extensions_required.iter().find(unsupported) {
+            return Err(Error::Unsupported {
+                path: self.path.to_owned(),
+                feature: name.clone(),
+                remedy: remedy(name),
+            });
+        }
+        for name in self.root.extensions_used.iter().filter(unsupported) {
+            self.warn(format!(
+                "the extension {name} is not supported and is ignored"
+            ));
+        }
+        Ok(())
+    }
+}
+
+fn remedy(extension: &str) -> String {
+    match extension {
+        "KHR_draco_mesh_compression" => {
+            "re-export the file without Draco compression (EXT_meshopt_compression is supported)"
+        }
+        "KHR_texture_basisu" | "MSFT_texture_dds" | "EXT_texture_avif" => {
+            "re-export the file with PNG, JPEG or WebP textures"
+        }
+        "KHR_materials_pbrSpecularGlossiness" => "convert its materials to metallic-roughness",
+        "EXT_mesh_gpu_instancing" => "re-export the file with one node per instance",
+        _ => "re-export the file without it",
+    }
+    .into()
+}

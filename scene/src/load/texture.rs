@@ -1,0 +1,87 @@
+//! From an image file's bytes to a [`Texture`].
+
+use std::io::Cursor;
+
+use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+
+use super::{budget::Budget, warnings::Warnings};
+use crate::{ColorSpace, Result, Texture};
+
+/// Decodes an image; `name` tells the format where the bytes do not (TGA). 16-bit and grey images become 8-bit RGBA.
+///
+/// An image that cannot be decoded is a warning and `None`.
+///
+/// # Errors
+/// If the budget does not allow the image.
+pub(super) fn decode(
+    bytes: &[u8],
+    name: &str,
+    color_space: ColorSpace,
+    budget: &Budget<'_>,
+    warnings: &Warnings,
+) -> Result<Option<Texture>> {
+    let unusable = |reason: String| {
+        warnings.add(format!(
+            "the image '{name}' cannot be used, white takes its place: {reason}"
+        ));
+        Ok(None)
+    };
+    let decoder = match decoder(bytes, name, budget) {
+        Ok(decoder) => decoder,
+        Err(reason) => return unusable(reason),
+    };
+    let (width, height) = decoder.dimensions();
+    let pixels = u64::from(width) * u64::from(height);
+    if pixels == 0 {
+        return unusable("it has no pixels".into());
+    }
+    let what = format!("the {width}×{height} image '{name}'");
+    // Six bytes a pixel are what a progressive JPEG's coefficients take, more than the texels made afterwards.
+    let decoding = budget.borrow(&what, decoder.total_bytes().saturating_add(6 * pixels))?;
+    let texels = match DynamicImage::from_decoder(decoder) {
+        Ok(image) => texels(&image),
+        Err(error) => return unusable(error.to_string()),
+    };
+    drop(decoding);
+    // A third more for the mip chain.
+    budget.claim(&what, pixels * 16 / 3)?;
+    Ok(Some(Texture::new(name, width, height, texels, color_space)))
+}
+
+fn decoder<'a>(
+    bytes: &'a [u8],
+    name: &str,
+    budget: &Budget<'_>,
+) -> Result<impl ImageDecoder + 'a, String> {
+    let format = match image::guess_format(bytes) {
+        Ok(format) => format,
+        // A TGA file begins with nothing that could be recognised.
+        Err(_) if name.to_lowercase().ends_with(".tga") => ImageFormat::Tga,
+        Err(_) => return Err("it is of no known format".into()),
+    };
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+    let mut limits = Limits::no_limits();
+    limits.max_alloc = Some(budget.left());
+    reader.limits(limits);
+    reader.into_decoder().map_err(|error| error.to_string())
+}
+
+/// The pixels as 8-bit RGBA, without a second copy in between.
+fn texels(image: &DynamicImage) -> Vec<[u8; 4]> {
+    match image.color() {
+        ColorType::Rgb8 => image
+            .as_bytes()
+            .chunks_exact(3)
+            .map(|rgb| [rgb[0], rgb[1], rgb[2], 255])
+            .collect(),
+        ColorType::Rgba8 => image
+            .as_bytes()
+            .chunks_exact(4)
+            .map(|rgba| [rgba[0], rgba[1], rgba[2], rgba[3]])
+            .collect(),
+        _ => {
+            use image::GenericImageView;
+            image.pixels().map(|(_, _, pixel)| pixel.0).collect()
+        }
+    }
+}
