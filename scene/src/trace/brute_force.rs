@@ -73,15 +73,16 @@ impl BruteForceTracer {
         let shear = Shear::new(ray);
         let mut closest: Option<Hit> = None;
         for triangle in &self.triangles {
-            let limit = closest.map_or(ray.t_max, |hit| hit.t);
-            if triangle.surface == start {
-                continue;
-            }
-            let Some((t, uv)) = shear.intersect(triangle.corners, ray.t_min, limit) else {
+            let Some((t, uv)) = shear.intersect(triangle.corners) else {
                 continue;
             };
             // Of hits at the same distance the first in scene order counts, for every exact tracer.
-            if t < limit && alpha_passes(&self.scene, triangle.surface, uv) {
+            let limit = closest.map_or(ray.t_max, |hit| hit.t);
+            if t > ray.t_min
+                && t < limit
+                && triangle.surface != start
+                && alpha_passes(&self.scene, triangle.surface, uv)
+            {
                 closest = Some(Hit {
                     t,
                     uv,

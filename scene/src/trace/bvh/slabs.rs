@@ -1,0 +1,83 @@
+//! A ray made ready for box tests that never lose a hit.
+//!
+//! # Why no hit is lost
+//! Let u = 2⁻²⁴, all lengths in the norm that is the largest absolute coordinate, o the origin, and M at least the
+//! distance from the origin to any point of the tree's box. A hit that the triangle test
+//! ([`Shear`](crate::trace::triangle::Shear)) accepts is a point P = Σλᵢ(vᵢ − o) of the triangle, so o + P lies in every
+//! box around it, with the exact barycentric coordinates λ (up to 2⁻⁵²) of a triangle whose sheared vertices
+//! are rounded: vᵢ − o by uM, the slope by u (shifting x by uM), the product by uM, the difference by 2uM. Hence
+//! |Px − slope·Pz| ≤ 5uM. The answer t is Pz/dz up to 3uM in length, so the point t·d is within 8uM of P on
+//! every axis: it lies in every box that contains the triangle, padded by 8uM.
+//!
+//! The slab test evaluates (plane − o)/d as plane·r − (o·r) with r = 1/d rounded. In length, its rounding is at most
+//! u|o| (padding o) + 2uM (r) + u|o| (o·r) + u(M + |o|) (plane·r, where it is not fused) + uM (the difference), that is
+//! less than 4u(M + |o|). Directions that are 0 or tiny along an axis are replaced by 2⁻³⁰ of the largest coordinate so
+//! that r is finite; over the length of a hit, M, that moves the ray by less than uM/64. In total 13u(M + |o|)
+//! suffice; 16u(M + |o|) = 2⁻²⁰(M + |o|) are taken. Moving the origin against the direction for near planes and along
+//! it for far planes pads all boxes at no cost per box.
+//!
+//! Distances are counted in units of the direction's largest coordinate, so that no power of ten of the direction
+//! or the scene overflows where the hit itself is a number.
+
+use glam::Vec3;
+
+use crate::{Aabb, Ray};
+
+/// See the module.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Slabs {
+    /// Reciprocal direction.
+    pub(crate) inverse: Vec3,
+    /// To be subtracted from near planes times `inverse`.
+    pub(crate) near: Vec3,
+    /// To be subtracted from far planes times `inverse`.
+    pub(crate) far: Vec3,
+    /// On which axes the ray goes down, so that the upper face of a box is the near one.
+    pub(crate) down: [bool; 3],
+    /// Where the ray starts.
+    pub(crate) start: f32,
+    scale: f32,
+}
+
+impl Slabs {
+    /// A ray for the boxes within `bounds`; `rounding` (at least 1) widens the padding.
+    #[inline]
+    pub(crate) fn new(ray: &Ray, bounds: &Aabb, rounding: f32) -> Self {
+        let scale = ray.direction.abs().max_element();
+        let d = ray.direction / scale;
+        let least = Vec3::splat(power_of_two(-30)).copysign(d);
+        let d = Vec3::select(d.abs().cmplt(least.abs()), least, d);
+        let reach = (bounds.min - ray.origin)
+            .abs()
+            .max((bounds.max - ray.origin).abs());
+        let size = reach.max_element() + ray.origin.abs().max_element();
+        let pad = Vec3::splat(size * rounding * power_of_two(-20)).copysign(d);
+        let inverse = d.recip();
+        let start = ray.t_min * scale;
+        Self {
+            inverse,
+            near: (ray.origin + pad) * inverse,
+            far: (ray.origin - pad) * inverse,
+            down: d.to_array().map(f32::is_sign_negative),
+            start: start - slack(start),
+            scale,
+        }
+    }
+
+    /// A distance along the ray in the units of the box tests, rounded up.
+    #[inline]
+    pub(crate) fn limit(&self, t: f32) -> f32 {
+        let limit = t * self.scale;
+        limit + slack(limit)
+    }
+}
+
+/// More than the rounding of a product.
+#[inline]
+fn slack(t: f32) -> f32 {
+    t.abs() * power_of_two(-22) + f32::MIN_POSITIVE
+}
+
+const fn power_of_two(exponent: i32) -> f32 {
+    f32::from_bits(((127 + exponent) as u32) << 23)
+}
