@@ -32,6 +32,8 @@ struct Scene {
     title: &'static str,
     what: &'static str,
     d_max: &'static str,
+    /// Stops by which the pictures of light are brightened for the screen.
+    exposure: &'static str,
 }
 
 const SCENES: [Scene; 5] = [
@@ -40,30 +42,35 @@ const SCENES: [Scene; 5] = [
         title: "Cornell box",
         what: "The box that was built and measured at Cornell: light from one lamp, colour from the walls.",
         d_max: "0.25",
+        exposure: "0",
     },
     Scene {
         name: "builtin:corner",
         title: "Corner",
         what: "Three planes with objects on them: contact shadows in the open.",
         d_max: "1",
+        exposure: "0",
     },
     Scene {
         name: "builtin:atrium",
         title: "Atrium",
         what: "A colonnaded hall on two storeys: a quarter of a million triangles, many of them behind one another.",
         d_max: "1.5",
+        exposure: "0",
     },
     Scene {
         name: "builtin:office",
         title: "Office",
         what: "A furnished room: most of its light has bounced.",
         d_max: "1",
+        exposure: "0",
     },
     Scene {
         name: "builtin:hairball",
         title: "Hairball",
         what: "Thin strands in every direction: the worst case for whatever simplifies geometry.",
         d_max: "0.3",
+        exposure: "0",
     },
 ];
 
@@ -207,7 +214,7 @@ impl Demo {
         for technique in &TECHNIQUES {
             if technique.quantities.contains(&quantity.name) {
                 let picture = self.render(scene, quantity, technique, &[])?;
-                let errors = self.compare(&picture, &reference, quantity)?;
+                let errors = self.compare(scene, &picture, &reference, quantity)?;
                 others.push((picture, errors));
             }
         }
@@ -245,6 +252,8 @@ impl Demo {
         arguments.extend(more);
         if quantity.is_occlusion {
             arguments.extend(["--d-max", scene.d_max]);
+        } else {
+            arguments.extend(["--exposure", scene.exposure]);
         }
         arguments.extend(["--size", &size]);
         let command = format!("isophote {} -o picture.exr", arguments.join(" "));
@@ -258,28 +267,38 @@ impl Demo {
         arguments.extend(["--quiet", "--json", "-o", &exr, "-o", &png]);
         let report = self.isophote.json(&arguments)?;
         self.done += 1;
+        let noise = report["noise"][quantity.name].as_f64();
         Ok(page::Picture {
             title: technique.title,
             file: file + ".png",
             seconds: number(&report, "/seconds/render")?,
             rays_per_second: report.pointer("/rays_per_second").and_then(Value::as_f64),
+            noise,
             command,
         })
     }
 
     fn compare(
         &self,
+        scene: &Scene,
         picture: &page::Picture,
         reference: &page::Picture,
         quantity: &Quantity,
     ) -> Result<page::Errors> {
         let exr = |picture: &page::Picture| self.file(picture.file.trim_end_matches(".png"), "exr");
         let name = picture.file.trim_end_matches(".png").to_owned() + "-error";
+        let exposure = if quantity.is_occlusion {
+            "0"
+        } else {
+            scene.exposure
+        };
         let report = self.isophote.json(&[
             "compare",
             &exr(picture),
             &exr(reference),
             "--json",
+            "--exposure",
+            exposure,
             "--quantity",
             quantity.name,
             "--error-image",

@@ -41,6 +41,8 @@ pub(super) struct Picture {
     /// Seconds of rendering alone.
     pub(super) seconds: f64,
     pub(super) rays_per_second: Option<f64>,
+    /// Its own, relative to its mean, where it is known.
+    pub(super) noise: Option<f64>,
     /// What to type to get it again.
     pub(super) command: String,
 }
@@ -103,7 +105,7 @@ impl Page {
              <footer>\n<p>{made}</p>\n<p>Errors are measured in linear light before the pictures were made for the \
              screen. <dfn>Error</dfn> is the root mean square over all pixels and channels: in grey levels of 255 for \
              occlusion, relative to the reference's mean otherwise. <dfn>Bias</dfn> is the difference of the \
-             means. The reference has noise of its own, which limits how small an error can show.</p>\n\
+             means. <dfn>Own noise</dfn> is the reference's error by its own estimate, relative to its mean: smaller errors do not show.</p>\n\
              </footer>\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n"
         )
     }
@@ -165,7 +167,12 @@ fn row(picture: &Picture, errors: Option<&Errors>, pressed: bool) -> String {
         )
     };
     let (name, cells) = match errors {
-        None => (title, "<td colspan=\"3\"></td>".to_owned()),
+        None => {
+            let noise = picture.noise.map_or_else(String::new, |noise| {
+                format!("own noise {:.2} %", 100.0 * noise)
+            });
+            (title, format!("<td colspan=\"3\">{noise}</td>"))
+        }
         Some(errors) => {
             let show = button(&title, &picture.file, &title, pressed);
             let difference = format!("{title}, error");
@@ -211,6 +218,7 @@ mod tests {
             file: file.to_owned(),
             seconds: 1.5,
             rays_per_second: None,
+            noise: Some(0.01),
             command: "isophote render <scene>".to_owned(),
         }
     }
