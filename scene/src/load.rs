@@ -13,6 +13,10 @@ mod budget;
 mod files;
 #[cfg(feature = "gltf")]
 mod gltf;
+#[cfg(feature = "obj")]
+mod obj;
+#[cfg(feature = "obj")]
+mod pool;
 #[cfg(any(feature = "gltf", feature = "obj"))]
 mod texture;
 #[cfg(any(feature = "gltf", feature = "obj"))]
@@ -63,6 +67,8 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Scene> {
     match suffix.as_deref() {
         #[cfg(feature = "gltf")]
         Some("glb" | "gltf") => gltf::load(path, options),
+        #[cfg(feature = "obj")]
+        Some("obj") => obj::load(path, options),
         _ => Err(Error::UnknownFormat {
             path: path.to_owned(),
             known: ".glb, .gltf and .obj",

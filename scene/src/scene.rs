@@ -118,6 +118,14 @@ impl Dropped {
     }
 }
 
+impl std::ops::AddAssign for Dropped {
+    fn add_assign(&mut self, other: Self) {
+        self.out_of_range += other.out_of_range;
+        self.non_finite += other.non_finite;
+        self.zero_area += other.zero_area;
+    }
+}
+
 impl Scene {
     /// Number of triangles over all instances.
     pub fn triangle_count(&self) -> usize {

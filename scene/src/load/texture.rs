@@ -4,8 +4,27 @@ use std::io::Cursor;
 
 use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
-use super::{budget::Budget, warnings::Warnings};
+use super::{
+    budget::{Borrowed, Budget},
+    warnings::Warnings,
+};
 use crate::{ColorSpace, Result, Texture};
+
+/// A decoded image: 8-bit RGBA, row by row from the top.
+pub(super) struct Pixels<'a> {
+    pub(super) width: u32,
+    pub(super) height: u32,
+    pub(super) texels: Vec<[u8; 4]>,
+    held: Borrowed<'a>,
+}
+
+impl Pixels<'_> {
+    /// Makes a texture of the pixels.
+    pub(super) fn into_texture(self, name: &str, color_space: ColorSpace) -> Texture {
+        self.held.keep();
+        Texture::new(name, self.width, self.height, self.texels, color_space)
+    }
+}
 
 /// Decodes an image; `name` tells the format where the bytes do not (TGA). 16-bit and grey images become 8-bit RGBA.
 ///
@@ -13,13 +32,12 @@ use crate::{ColorSpace, Result, Texture};
 ///
 /// # Errors
 /// If the budget does not allow the image.
-pub(super) fn decode(
+pub(super) fn decode<'a>(
     bytes: &[u8],
     name: &str,
-    color_space: ColorSpace,
-    budget: &Budget<'_>,
+    budget: &'a Budget<'_>,
     warnings: &Warnings,
-) -> Result<Option<Texture>> {
+) -> Result<Option<Pixels<'a>>> {
     let unusable = |reason: String| {
         warnings.add(format!(
             "the image '{name}' cannot be used, white takes its place: {reason}"
@@ -43,9 +61,13 @@ pub(super) fn decode(
         Err(error) => return unusable(error.to_string()),
     };
     drop(decoding);
-    // A third more for the mip chain.
-    budget.claim(&what, pixels * 16 / 3)?;
-    Ok(Some(Texture::new(name, width, height, texels, color_space)))
+    Ok(Some(Pixels {
+        width,
+        height,
+        texels,
+        // A third more for the mip chain to come.
+        held: budget.borrow(&what, pixels * 16 / 3)?,
+    }))
 }
 
 fn decoder<'a>(

@@ -78,7 +78,7 @@ impl Document<'_> {
         Ok(track)
     }
 
-    /// The keys of a sampler, or `None` where they are not finite, not in order, or not as many as the times.
+    /// The keys of a sampler, or `None` where they are not finite or not as many as the times.
     fn keys<const N: usize, T>(
         &self,
         sampler: &Sampler,
@@ -103,16 +103,44 @@ impl Document<'_> {
             "an animation",
             bytes_of(times.count, 4).saturating_add(bytes_of(values.count, 16)),
         )?;
-        let times: Vec<f32> = times.iter().map(|[time]| time).collect();
         let values: Option<Vec<T>> = values.iter().map(convert).collect();
-        let in_order =
-            times.iter().all(|time| time.is_finite()) && times.is_sorted_by(|a, b| a < b);
-        Ok(values.filter(|_| in_order).map(|values| Keys {
+        let mut keys = Keys {
             interpolation,
-            times,
-            values,
-        }))
+            times: times.iter().map(|[time]| time).collect(),
+            values: match values {
+                Some(values) => values,
+                None => return Ok(None),
+            },
+        };
+        let finite = keys.times.iter().all(|time| time.is_finite());
+        if !finite || !keys.times.is_sorted_by(|a, b| a < b) {
+            self.warn("keys of an animation that are not later than those before are ignored");
+            keep_increasing(&mut keys, per_key);
+        }
+        Ok((!keys.times.is_empty()).then_some(keys))
     }
+}
+
+/// Drops the keys that do not lie after all earlier ones; also NaN, which lies after nothing.
+fn keep_increasing<T>(keys: &mut Keys<T>, per_key: usize) {
+    let mut last = f32::NEG_INFINITY;
+    let keep: Vec<bool> = keys
+        .times
+        .iter()
+        .map(|&time| {
+            let later = time > last && time.is_finite();
+            if later {
+                last = time;
+            }
+            later
+        })
+        .collect();
+    let mut flags = keep.iter().copied();
+    keys.times.retain(|_| flags.next().unwrap_or(false));
+    let mut flags = keep
+        .iter()
+        .flat_map(|&flag| std::iter::repeat_n(flag, per_key));
+    keys.values.retain(|_| flags.next().unwrap_or(false));
 }
 
 /// Makes the values unit quaternions; tangents stay as they are.

@@ -5,6 +5,7 @@ use base64::{
     alphabet::STANDARD,
     engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig},
 };
+use gltf_json::Buffer;
 use percent_encoding::percent_decode_str;
 
 use super::{document::Document, meshopt};
@@ -57,18 +58,13 @@ impl Document<'_> {
 
     fn buffer(&self, index: usize) -> Result<&[u8]> {
         let buffer = self.item(&self.root.buffers, "buffer", index)?;
-        let bytes = match &buffer.uri {
-            None if index == 0 && self.bin().is_some() => self.bin().unwrap_or_default(),
-            None => {
-                return Err(self.malformed(format!("buffer {index} has neither a URI nor data")));
-            }
-            Some(uri) => {
+        let bytes = match (self.bin(), &buffer.uri) {
+            (Some(bin), None) if index == 0 => bin,
+            _ => {
                 let cell = self.item(&self.buffers, "buffer", index)?;
                 if cell.get().is_none() {
-                    let (bytes, held) = self.fetch(&format!("buffer {index}"), uri)?;
-                    held.keep();
                     // It was empty a moment ago.
-                    let _ = cell.set(bytes);
+                    let _ = cell.set(self.read_buffer(index, buffer)?);
                 }
                 cell.get().map_or(&[][..], Vec::as_slice)
             }
@@ -81,6 +77,22 @@ impl Document<'_> {
                     "buffer {index} should have {length} bytes, but has only {found}"
                 ))
             })
+    }
+
+    fn read_buffer(&self, index: usize, buffer: &Buffer) -> Result<Vec<u8>> {
+        let what = format!("buffer {index}");
+        if let Some(uri) = &buffer.uri {
+            let (bytes, held) = self.fetch(&what, uri)?;
+            held.keep();
+            return Ok(bytes);
+        }
+        if index == 0 && self.is_binary() {
+            return Err(self.malformed("the binary chunk that buffer 0 should be is missing"));
+        }
+        // The specification lets applications fill such buffers in; here nobody does.
+        self.warn(format!("{what} has no data; zeros take its place"));
+        self.budget.claim(&what, buffer.byte_length.0)?;
+        Ok(vec![0; buffer.byte_length.0 as usize])
     }
 
     /// The bytes that a URI stands for: embedded, or in a file beside this one.

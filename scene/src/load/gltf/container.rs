@@ -9,7 +9,8 @@ use crate::{
     load::budget::{Borrowed, Budget},
 };
 
-const MAGIC: &[u8] = b"glTF";
+/// How a `.glb` begins.
+pub(super) const MAGIC: &[u8] = b"glTF";
 const JSON_CHUNK: u32 = 0x4E4F_534A;
 const BIN_CHUNK: u32 = 0x004E_4942;
 
@@ -24,13 +25,8 @@ pub(super) struct Parts {
 /// Tells a binary file from a text by its first bytes, not by its name, and finds its parts.
 pub(super) fn split(path: &Path, bytes: &[u8]) -> Result<Parts> {
     if !bytes.starts_with(MAGIC) {
-        let bom = if bytes.starts_with(b"\xEF\xBB\xBF") {
-            3
-        } else {
-            0
-        };
         return Ok(Parts {
-            json: bom..bytes.len(),
+            json: 0..bytes.len(),
             bin: None,
         });
     }
@@ -83,6 +79,8 @@ pub(super) fn parse<'a>(
     budget: &'a Budget<'_>,
 ) -> Result<(Root, Borrowed<'a>)> {
     let borrowed = budget.borrow("the JSON", json_memory(json))?;
+    // A byte order mark is wrong here, but harmless.
+    let json = json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(json);
     let not_json = |error| Error::malformed(path, format!("is not valid glTF: {error}"));
     let mut value: Value = serde_json::from_slice(json).map_err(not_json)?;
     check_version(path, &value)?;

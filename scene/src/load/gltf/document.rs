@@ -71,6 +71,11 @@ impl<'a> Document<'a> {
         self.bin.clone().map(|range| &self.bytes[range])
     }
 
+    /// Whether the file is a `.glb`, whatever its name.
+    pub(super) fn is_binary(&self) -> bool {
+        self.bytes.starts_with(container::MAGIC)
+    }
+
     /// The item of a list that an index in the file refers to.
     pub(super) fn item<'b, T>(&self, list: &'b [T], what: &str, index: usize) -> Result<&'b T> {
         list.get(index).ok_or_else(|| {
@@ -89,12 +94,9 @@ impl<'a> Document<'a> {
 
     /// Adds to the numbers of dropped triangles.
     pub(super) fn drop_triangles(&self, dropped: Dropped) {
-        let all = self.dropped.get();
-        self.dropped.set(Dropped {
-            out_of_range: all.out_of_range + dropped.out_of_range,
-            non_finite: all.non_finite + dropped.non_finite,
-            zero_area: all.zero_area + dropped.zero_area,
-        });
+        let mut all = self.dropped.get();
+        all += dropped;
+        self.dropped.set(all);
     }
 
     /// The scene with the report of how it was loaded.

@@ -81,10 +81,13 @@ impl Document<'_> {
                     ))
                 })?)
             }
-            None => match self.root.scene {
-                Some(scene) => Some(self.item(scenes, "scene", scene.value())?),
-                None => scenes.first(),
-            },
+            None => {
+                let default = self.root.scene.map_or(0, |scene| scene.value());
+                if self.root.scene.is_some() && default >= scenes.len() {
+                    self.warn(format!("the default scene {default} does not exist"));
+                }
+                scenes.get(default).or(scenes.first())
+            }
         };
         if let Some(scene) = scene {
             return Ok(scene.nodes.iter().map(|node| node.value()).collect());

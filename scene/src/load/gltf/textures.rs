@@ -59,10 +59,10 @@ impl<'a> Textures<'a> {
             return Ok(None);
         };
         let budget = document.budget;
-        let decoded = texture::decode(&bytes, &name, color_space, budget, &document.warnings)?;
-        let Some(mut texture) = decoded else {
+        let Some(pixels) = texture::decode(&bytes, &name, budget, &document.warnings)? else {
             return Ok(None);
         };
+        let mut texture = pixels.into_texture(&name, color_space);
         if let Some(sampler) = json.sampler {
             let samplers = &document.root.samplers;
             let sampler = document.item(samplers, "sampler", sampler.value())?;
