@@ -10,6 +10,7 @@
 
 mod animation;
 mod bsdf;
+pub mod builtin;
 mod camera;
 mod environment;
 mod error;
