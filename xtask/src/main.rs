@@ -6,6 +6,7 @@ mod bench;
 mod demo;
 mod isophote;
 mod machine;
+mod reference;
 mod test;
 mod workspace;
 
@@ -24,6 +25,7 @@ enum Command {
     Test(test::Arguments),
     Demo(demo::Arguments),
     Bench(bench::Arguments),
+    Reference(reference::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -31,6 +33,7 @@ fn main() -> ExitCode {
         Command::Test(arguments) => test::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
+        Command::Reference(arguments) => reference::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
