@@ -53,11 +53,7 @@ fn real_scenes() {
             ],
         ),
         ("cornell_mirror", "pbr", &[(Quantity::Path, "path")]),
-        (
-            "sponza_crytek_partial",
-            "lambert",
-            &[(Quantity::Direct, "direct"), (Quantity::Ao, "ao_1.5m")],
-        ),
+        ("bunny", "lambert", &[(Quantity::Direct, "direct")]),
     ];
     for (name, materials, wanted) in pictures {
         let scene = Arc::new(load(&shared.join(format!("scenes/{name}.glb"))).expect("loads"));
@@ -79,7 +75,7 @@ fn real_scenes() {
                 } else {
                     Materials::Lambert
                 },
-                samples: 8,
+                samples: if quantity.is_occlusion() { 32 } else { 8 },
                 ..Settings::default()
             };
             let tracers = Tracers {
