@@ -41,7 +41,7 @@ fn errors(ours: &[Vec3], noise: f32, reference: &[Vec3], reference_noise: f64) -
 #[test]
 fn real_scenes() {
     let Some(shared) = shared() else { return };
-    let pictures: [(&str, &str, &[(Quantity, &str)]); 3] = [
+    let pictures = [
         (
             "cornell_original",
             "lambert",
@@ -50,7 +50,7 @@ fn real_scenes() {
                 (Quantity::Indirect, "indirect"),
                 (Quantity::Path, "path"),
                 (Quantity::Ao, "ao_0.5m"),
-            ],
+            ][..],
         ),
         ("cornell_mirror", "pbr", &[(Quantity::Path, "path")]),
         ("bunny", "lambert", &[(Quantity::Direct, "direct")]),
@@ -63,7 +63,7 @@ fn real_scenes() {
         let pbr = materials == "pbr";
         for &(quantity, file) in wanted {
             let stem = format!("references/{name}{}.{file}", if pbr { ".pbr" } else { "" });
-            let reference = Image::load(&shared.join(format!("{stem}.exr"))).expect("loads");
+            let reference = Image::load(shared.join(format!("{stem}.exr"))).expect("loads");
             let json = std::fs::read(shared.join(format!("{stem}.json"))).expect("is there");
             let json: serde_json::Value = serde_json::from_slice(&json).expect("is JSON");
             let settings = Settings {
