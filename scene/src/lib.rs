@@ -12,6 +12,7 @@ mod animation;
 mod bsdf;
 pub mod builtin;
 mod camera;
+mod clean;
 mod environment;
 mod error;
 mod image;
@@ -32,6 +33,7 @@ pub use self::{
     animation::{Animation, Channel, Interpolation, Keys, Local, Node, Track},
     bsdf::{Bsdf, BsdfSample, MIRROR_ROUGHNESS, fresnel},
     camera::{Camera, Projection},
+    clean::clean,
     environment::EnvironmentMap,
     error::{Error, Result},
     image::Image,
@@ -41,7 +43,7 @@ pub use self::{
     mesh::{Aabb, Mesh},
     output::{check_writable, write_atomically},
     receivers::{Receiver, Receivers},
-    scene::{Dropped, Instance, InstanceMask, LoadReport, Scene, area, clean, unit_normal},
+    scene::{Dropped, Instance, InstanceMask, LoadReport, Scene, area, unit_normal},
     surface::{SurfaceMaterial, SurfacePoint},
     texture::{ColorSpace, Filter, Texture, Wrap, linear_to_srgb, srgb_to_linear},
     trace::{

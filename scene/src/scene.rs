@@ -243,51 +243,6 @@ impl Scene {
     }
 }
 
-/// Drops the triangles that nothing can be computed with and counts them: indices out of range, positions that
-/// are not finite, areas that are zero. Replaces normals that are not unit vectors by the geometric one.
-///
-/// Every loader and every built-in scene goes through this, so that nothing after it needs to check again.
-pub fn clean(mesh: &mut Mesh) -> Dropped {
-    let mut dropped = Dropped::default();
-    let positions = &mesh.positions;
-    let mut keep = Vec::with_capacity(mesh.triangles.len());
-    for triangle in &mesh.triangles {
-        keep.push(match triangle.map(|i| positions.get(i as usize).copied()) {
-            [Some(a), Some(b), Some(c)] => {
-                if !(a.is_finite() && b.is_finite() && c.is_finite()) {
-                    dropped.non_finite += 1;
-                    false
-                } else if has_area(a, b, c) {
-                    true
-                } else {
-                    dropped.zero_area += 1;
-                    false
-                }
-            }
-            _ => {
-                dropped.out_of_range += 1;
-                false
-            }
-        });
-    }
-    if dropped.total() > 0 {
-        retain(&mut mesh.triangles, &keep);
-        retain(&mut mesh.triangle_materials, &keep);
-    }
-    for triangle in 0..mesh.triangles.len() {
-        let [a, b, c] = mesh.corners(triangle);
-        for vertex in mesh.triangles[triangle] {
-            let normal = &mut mesh.normals[vertex as usize];
-            if !normal.is_finite() || (normal.length_squared() - 1.0).abs() > 1e-4 {
-                *normal = normal
-                    .try_normalize()
-                    .unwrap_or_else(|| unit_normal(a, b, c));
-            }
-        }
-    }
-    dropped
-}
-
 /// The unit geometric normal of a triangle, counter-clockwise front; in 64 bits, so that no scale underflows.
 pub fn unit_normal(a: Vec3, b: Vec3, c: Vec3) -> Vec3 {
     let (a, b, c) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
@@ -298,14 +253,4 @@ pub fn unit_normal(a: Vec3, b: Vec3, c: Vec3) -> Vec3 {
 pub fn area(a: Vec3, b: Vec3, c: Vec3) -> f64 {
     let (a, b, c) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
     0.5 * (b - a).cross(c - a).length()
-}
-
-/// Whether three points span an area in 64-bit arithmetic: 32-bit products of a millimetre-sized model underflow.
-fn has_area(a: Vec3, b: Vec3, c: Vec3) -> bool {
-    area(a, b, c) > 0.0
-}
-
-fn retain<T>(values: &mut Vec<T>, keep: &[bool]) {
-    let mut flags = keep.iter();
-    values.retain(|_| flags.next().copied().unwrap_or(false));
 }

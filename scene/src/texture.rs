@@ -160,19 +160,20 @@ impl Level {
             return None;
         }
         let (width, height) = ((self.width / 2).max(1), (self.height / 2).max(1));
+        // An odd side's last texel is shared out over the level below by covering ranges.
+        let covered = |i: u32, size: u32, whole: u32| {
+            let [i, size, whole] = [i, size, whole].map(u64::from);
+            (i * whole / size) as usize..((i + 1) * whole).div_ceil(size) as usize
+        };
         let mut texels = Vec::with_capacity(width as usize * height as usize);
         for y in 0..height {
-            // An odd side's last texel is shared out over the level below by covering ranges.
-            let rows = y * self.height / height..((y + 1) * self.height).div_ceil(height);
+            let rows = covered(y, height, self.height);
             for x in 0..width {
-                let columns = x * self.width / width..((x + 1) * self.width).div_ceil(width);
+                let columns = covered(x, width, self.width);
                 let mut sum = Vec4::ZERO;
                 for row in rows.clone() {
                     for column in columns.clone() {
-                        sum += decode(
-                            self.texels[(row * self.width + column) as usize],
-                            color_space,
-                        );
+                        sum += decode(self.texels[row * self.width as usize + column], color_space);
                     }
                 }
                 texels.push(encode(
@@ -286,6 +287,13 @@ mod tests {
             (mean - Vec4::new(0.5, 0.5, 0.5, 0.75)).abs().max_element() < 5e-3,
             "{mean}"
         );
+    }
+
+    #[test]
+    fn mips_of_very_long_textures() {
+        let texture = Texture::new("", 1, 70_001, vec![[8; 4]; 70_001], ColorSpace::Linear);
+        assert_eq!(texture.level_count(), 17);
+        assert_eq!(texture.level(16), (1, 1, &[[8; 4]][..]));
     }
 
     #[test]

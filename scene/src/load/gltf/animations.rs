@@ -9,7 +9,10 @@ use gltf_json::{
 };
 
 use super::{document::Document, nodes::unit_quaternion};
-use crate::{Channel, Interpolation, Keys, Local, Node, Result, Track, load::budget::bytes_of};
+use crate::{
+    Channel, Interpolation, Keys, Local, Node, Result, Track, clean::LARGEST_COORDINATE,
+    load::budget::bytes_of,
+};
 
 /// The channels of all animations that move a node of the scene; where two move the same, the first holds.
 pub(super) fn load(
@@ -58,7 +61,10 @@ impl Document<'_> {
         property: Property,
     ) -> Result<Option<Track>> {
         let sampler = self.item(samplers, "animation sampler", channel.sampler.value())?;
-        let vector = |value: [f32; 3]| Some(Vec3::from(value)).filter(|value| value.is_finite());
+        let vector = |value: [f32; 3]| {
+            let largest = Vec3::splat(LARGEST_COORDINATE);
+            Some(Vec3::from(value)).filter(|value| value.abs().cmple(largest).all())
+        };
         let quaternion = |value: [f32; 4]| Some(Quat::from_array(value)).filter(|q| q.is_finite());
         let track = match property {
             Property::Translation => self.keys(sampler, vector)?.map(Track::Translation),

@@ -13,7 +13,9 @@ use super::{
     document::Document,
     materials::Materials,
 };
-use crate::{Dropped, Material, Mesh, Result, Texture, clean, load::budget::bytes_of, unit_normal};
+use crate::{
+    Aabb, Dropped, Material, Mesh, Result, Texture, clean, load::budget::bytes_of, unit_normal,
+};
 
 /// The meshes that the scene uses, converted when first asked for.
 pub(super) struct Meshes<'a> {
@@ -21,6 +23,8 @@ pub(super) struct Meshes<'a> {
     materials: Materials<'a>,
     index_of: HashMap<usize, Option<u32>>,
     meshes: Vec<Arc<Mesh>>,
+    /// Of each mesh: many nodes can ask for the same.
+    bounds: Vec<Aabb>,
 }
 
 impl<'a> Meshes<'a> {
@@ -30,6 +34,7 @@ impl<'a> Meshes<'a> {
             materials: Materials::new(document),
             index_of: HashMap::new(),
             meshes: Vec::new(),
+            bounds: Vec::new(),
         }
     }
 
@@ -44,11 +49,17 @@ impl<'a> Meshes<'a> {
         let mut mesh = self.convert(index, json)?;
         self.document.drop_triangles(clean(&mut mesh));
         let place = (!mesh.triangles.is_empty()).then(|| {
+            self.bounds.push(mesh.bounds());
             self.meshes.push(Arc::new(mesh));
             self.meshes.len() as u32 - 1
         });
         self.index_of.insert(index, place);
         Ok(place)
+    }
+
+    /// The box around one of the scene's meshes, in its own space.
+    pub(super) fn bounds(&self, place: u32) -> Aabb {
+        self.bounds[place as usize]
     }
 
     pub(super) fn finish(self) -> (Vec<Arc<Mesh>>, Vec<Material>, Vec<Arc<Texture>>) {

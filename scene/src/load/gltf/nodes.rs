@@ -12,8 +12,8 @@ use gltf_json::{
 
 use super::{animations, document::Document, meshes::Meshes};
 use crate::{
-    Animation, Camera, Instance, InstanceMask, Light, LightKind, Local, Node, Projection, Result,
-    Scene,
+    Aabb, Animation, Camera, Instance, InstanceMask, Light, LightKind, Local, Node, Projection,
+    Result, Scene, clean::LARGEST_COORDINATE,
 };
 
 /// Loads the scene of that name or number, or the default one.
@@ -239,10 +239,16 @@ impl Builder<'_> {
         let Some(mesh) = self.meshes.get(mesh)? else {
             return Ok(());
         };
-        if !is_invertible(&transform) {
-            self.document.warn(format!(
-                "node '{name}' is scaled to nothing; its mesh is dropped"
-            ));
+        let reason = if !is_invertible(&transform) {
+            Some("has a transform that cannot be undone")
+        } else if !is_within_reach(self.meshes.bounds(mesh), &transform) {
+            Some("is placed too far away")
+        } else {
+            None
+        };
+        if let Some(reason) = reason {
+            self.document
+                .warn(format!("node '{name}' {reason}; its mesh is dropped"));
             return Ok(());
         }
         let mask = match moved_by {
@@ -293,13 +299,22 @@ impl Builder<'_> {
     }
 }
 
-/// Whether a transform can be undone, at any scale.
+/// Whether all of a placed box has coordinates that can be traced.
+fn is_within_reach(bounds: Aabb, transform: &Affine3A) -> bool {
+    let limit = Vec3::splat(LARGEST_COORDINATE);
+    bounds
+        .corners()
+        .iter()
+        .all(|corner| transform.transform_point3(*corner).abs().cmple(limit).all())
+}
+
+/// Whether a transform can be undone.
 fn is_invertible(transform: &Affine3A) -> bool {
     let matrix = transform.matrix3;
     let [x, y, z] = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(|axis| axis.as_dvec3());
-    let determinant = x.cross(y).dot(z);
-    // A flat box: its volume is nothing against its edges.
-    determinant.is_finite() && determinant.abs() > 1e-12 * x.length() * y.length() * z.length()
+    let volume = x.cross(y).dot(z).abs();
+    // The first for what is flat but for rounding, the second for what no float can undo.
+    volume > 1e-12 * x.length() * y.length() * z.length() && transform.inverse().is_finite()
 }
 
 fn projection(camera: &camera::Camera) -> Option<Projection> {

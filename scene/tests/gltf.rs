@@ -1,0 +1,4 @@
+//! Every feature of glTF that is read, on files made here.
+#![cfg(feature = "gltf")]
+
+mod support;
