@@ -5,7 +5,7 @@
 //! 1. A file becomes a [`Scene`]: [`load()`], or [`builtin`] for scenes that need no file.
 //! 2. A [`Tracer`] is built of it ([`BuildTracer`]): [`BvhTracer`] is exact, [`BruteForceTracer`] the oracle.
 //! 3. A [`Camera`] gives rays, a [`Hit`] becomes a [`SurfacePoint`] with its [`SurfaceMaterial`].
-//! 4. [`reference`] computes what light arrives there.
+//! 4. [`mod@reference`] computes what light arrives there.
 //! 5. The result is an [`Image`] of named layers.
 
 mod animation;
@@ -52,7 +52,11 @@ pub use self::{
     },
 };
 
-/// Runs the examples of the READMEs as doc tests.
+/// Runs the examples of this crate's README and of the workspace's as doc tests.
 #[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-struct Readme;
+mod readmes {
+    #[doc = include_str!("../README.md")]
+    struct Crate;
+    #[doc = include_str!("../../README.md")]
+    struct Workspace;
+}

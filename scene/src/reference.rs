@@ -1,7 +1,7 @@
 //! The integrators that define the right answer.
 //!
 //! [`Integrator`] estimates the quantities of [`Quantity`] at one point with one sample of a low-discrepancy
-//! sequence; [`render`] does so for pixels, box-filtered, and [`bake`] for any [`Receivers`]. Both keep two
+//! sequence; [`render`] does so for pixels, box-filtered, and [`bake`] for any [`Receivers`](crate::Receivers). Both keep two
 //! independent halves of the samples, so that every result knows its own noise.
 //!
 //! 1. Occlusion (`ao`, `obscurance`): one cosine-distributed ray a sample. [`occlusion`](mod@self)
