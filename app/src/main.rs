@@ -1,2 +1,182 @@
-//! x
-fn main() {}
+//! The program `isophote`: renders, traces, compares and inspects scenes with every technique.
+
+mod compare;
+mod display;
+mod info;
+mod metrics;
+mod npy;
+mod output;
+mod rays;
+mod render;
+mod scene_args;
+mod settings;
+mod trace;
+mod tracers;
+mod values;
+
+use std::{
+    ffi::OsString,
+    io::{self, Write},
+    path::Path,
+    process::ExitCode,
+};
+
+use anyhow::{Context, Result, ensure};
+use clap::{ArgMatches, Command, CommandFactory, FromArgMatches, Parser, Subcommand};
+use isophote_scene::Image;
+
+const EXAMPLES: &str = "\
+Examples:
+  isophote render builtin:cornell -o cornell.png          look at a built-in scene
+  isophote info hall.glb                                  what is in a file
+  isophote render hall.glb --quantity ao -o ao.exr        calculate ambient occlusion
+  isophote compare ao.exr reference.exr                   how far off is it
+
+Built-in scenes: builtin:cornell, builtin:corner, builtin:atrium, builtin:office, builtin:hairball[:TRIANGLES].
+Lengths are metres, angles degrees, light is linear and radiometric. `isophote COMMAND --help` explains every flag. \
+RUST_LOG=debug shows what happens inside.";
+
+/// Global illumination by any technique over any visibility backend.
+#[derive(Parser, Debug)]
+#[command(name = "isophote", version, after_help = EXAMPLES, arg_required_else_help = true, args_override_self = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Commands,
+}
+
+#[derive(Subcommand, Debug)]
+enum Commands {
+    Render(render::RenderArgs),
+    Trace(trace::TraceArgs),
+    Compare(compare::CompareArgs),
+    Info(info::InfoArgs),
+}
+
+fn main() -> ExitCode {
+    start_log();
+    match run(std::env::args_os().collect()) {
+        Ok(code) => code,
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            let text = one_line(&format!("{error:#}"));
+            let _ = writeln!(io::stderr(), "error: {text}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn run(mut arguments: Vec<OsString>) -> Result<ExitCode> {
+    let command = Cli::command();
+    let mut matches = match parse(&command, &arguments) {
+        Ok(matches) => matches,
+        Err(error) => return refuse(&error),
+    };
+    if let Some(("render", given)) = matches.subcommand()
+        && let Some(path) = given.get_one::<std::path::PathBuf>("settings")
+    {
+        arguments.extend(stored_arguments(&command, given, path)?);
+        matches = match parse(&command, &arguments) {
+            Ok(matches) => matches,
+            Err(error) => return refuse(&error),
+        };
+    }
+    let cli = Cli::from_arg_matches(&matches)?;
+    match &cli.command {
+        Commands::Render(args) => {
+            use_threads(args.threads)?;
+            let stored = match matches.subcommand() {
+                Some((name, given)) => settings::store(subcommand(&command, name)?, given),
+                None => Default::default(),
+            };
+            render::render(args, stored)?;
+        }
+        Commands::Trace(args) => {
+            use_threads(args.threads)?;
+            trace::trace(args)?;
+        }
+        Commands::Compare(args) => return compare::compare(args),
+        Commands::Info(args) => info::info(args)?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn parse(command: &Command, arguments: &[OsString]) -> clap::error::Result<ArgMatches> {
+    command.clone().try_get_matches_from(arguments)
+}
+
+/// The settings in a picture's header as arguments of `render`.
+fn stored_arguments(command: &Command, given: &ArgMatches, path: &Path) -> Result<Vec<OsString>> {
+    let header = Image::load(path).context("--settings")?.attributes;
+    ensure!(
+        header.contains_key("technique"),
+        "--settings: {}: holds no settings of `isophote render`",
+        path.display()
+    );
+    Ok(settings::repeat(
+        subcommand(command, "render")?,
+        given,
+        &header,
+    ))
+}
+
+fn subcommand<'a>(command: &'a Command, name: &str) -> Result<&'a Command> {
+    command
+        .find_subcommand(name)
+        .with_context(|| format!("there is no command '{name}'"))
+}
+
+/// Prints help where it was asked for, and everything else as one line.
+fn refuse(error: &clap::Error) -> Result<ExitCode> {
+    use clap::error::ErrorKind;
+    match error.kind() {
+        ErrorKind::DisplayHelp
+        | ErrorKind::DisplayVersion
+        | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            error.print()?;
+            Ok(ExitCode::from(error.exit_code() as u8))
+        }
+        _ => {
+            let text = error.to_string();
+            let told = text.lines().take_while(|line| !line.starts_with("Usage:"));
+            let told: Vec<&str> = told
+                .filter(|line| !line.starts_with("For more information"))
+                .collect();
+            let text = one_line(&told.join("\n"));
+            anyhow::bail!("{}", text.strip_prefix("error: ").unwrap_or(&text))
+        }
+    }
+}
+
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+fn use_threads(threads: Option<usize>) -> Result<()> {
+    if let Some(threads) = threads {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build_global()
+            .context("cannot start the threads")?;
+    }
+    Ok(())
+}
+
+/// Logs go to standard error and are asked for with `RUST_LOG`.
+fn start_log() {
+    let filter = tracing_subscriber::EnvFilter::builder()
+        .with_default_directive(tracing::level_filters::LevelFilter::ERROR.into())
+        .from_env_lossy();
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(io::stderr)
+        .init();
+}
+
+/// Whoever read the output has read enough.
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        cause
+            .downcast_ref::<io::Error>()
+            .is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
+    })
+}

@@ -56,6 +56,11 @@ fn exr_files_repeat_byte_for_byte() {
     let mut image = Image::new(640, 480);
     let noise = (0..640 * 480_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 8) as f32);
     image.push("Y", noise.collect());
+    for i in 0..20 {
+        image
+            .attributes
+            .insert(format!("attribute {i}"), "x".repeat(i));
+    }
     for path in &paths {
         image.save(path).unwrap();
     }

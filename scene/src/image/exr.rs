@@ -2,7 +2,7 @@
 
 use std::{
     fs::File,
-    io::{BufReader, Seek},
+    io::{BufReader, Read, Seek, SeekFrom, Write},
     path::Path,
 };
 
@@ -46,9 +46,43 @@ pub(super) fn save(image: &Image, path: &Path) -> Result<()> {
     write_atomically(path, |writer| {
         exr::prelude::Image::from_layer(layer)
             .write()
-            .to_buffered(writer)
-            .map_err(|error| failure(path, error))
+            .to_buffered(&mut *writer)
+            .map_err(|error| match error {
+                exr::error::Error::Io(error) => Error::io(path, error),
+                error => Error::malformed(path, format!("cannot be written as OpenEXR: {error}")),
+            })?;
+        writer
+            .flush()
+            .and_then(|()| sort_attributes(writer.get_mut()))
+            .map_err(|error| Error::io(path, error))
     })
+}
+
+/// Puts the header's attributes in order of their names. The `exr` crate writes them in the order of a hash map, another
+/// one in every run, and a file would not repeat byte for byte.
+fn sort_attributes(file: &mut File) -> std::io::Result<()> {
+    const START: usize = 8;
+    let mut bytes = Vec::new();
+    file.rewind()?;
+    Read::take(&mut *file, 1 << 20).read_to_end(&mut bytes)?;
+    let mut attributes = Vec::new();
+    let mut rest = bytes.get(START..).unwrap_or_default();
+    // Each is a name and a type, both ended by a zero, a length and as many bytes; an empty name ends the header.
+    while rest.first().is_some_and(|&byte| byte != 0) {
+        let end =
+            |from: usize| Some(from + rest.get(from..)?.iter().position(|&byte| byte == 0)? + 1);
+        let Some((attribute, after)) = end(0).and_then(end).and_then(|at| {
+            let length = u32::from_le_bytes(rest.get(at..at + 4)?.try_into().ok()?);
+            rest.split_at_checked(at + 4 + length as usize)
+        }) else {
+            return Ok(());
+        };
+        attributes.push(attribute);
+        rest = after;
+    }
+    attributes.sort_unstable();
+    file.seek(SeekFrom::Start(START as u64))?;
+    file.write_all(&attributes.concat())
 }
 
 pub(super) fn load(path: &Path) -> Result<Image> {

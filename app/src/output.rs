@@ -1,0 +1,115 @@
+//! What the program prints, and how.
+
+use std::{
+    io::{self, Write},
+    path::Path,
+    time::Instant,
+};
+
+use anyhow::{Context, Result};
+use serde::Serialize;
+
+/// Writes text to standard output.
+pub(crate) fn print(text: &str) -> Result<()> {
+    let mut out = io::stdout().lock();
+    out.write_all(text.as_bytes())?;
+    Ok(out.flush()?)
+}
+
+/// Writes a value as JSON to standard output. NaN and infinities become `null`.
+pub(crate) fn print_json(value: &impl Serialize) -> Result<()> {
+    let text = serde_json::to_string_pretty(value).context("the report cannot be put in JSON")?;
+    print(&(text + "\n"))
+}
+
+/// Says things on standard error, unless told to be quiet.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Voice {
+    quiet: bool,
+}
+
+impl Voice {
+    pub(crate) fn new(quiet: bool) -> Self {
+        Self { quiet }
+    }
+
+    pub(crate) fn is_quiet(self) -> bool {
+        self.quiet
+    }
+
+    /// Something chosen for the user.
+    pub(crate) fn note(self, text: impl std::fmt::Display) {
+        self.say("note", &text);
+    }
+
+    /// Something that may not be what the user meant.
+    pub(crate) fn warning(self, text: impl std::fmt::Display) {
+        self.say("warning", &text);
+    }
+
+    fn say(self, kind: &str, text: &dyn std::fmt::Display) {
+        if !self.quiet {
+            // Nobody listens: no reason to stop the work.
+            let _ = writeln!(io::stderr(), "{kind}: {text}");
+        }
+    }
+}
+
+/// Whether a file's name ends in one of some suffixes (without dot, lower case).
+pub(crate) fn has_suffix(path: &Path, known: &[&str]) -> bool {
+    path.extension()
+        .and_then(|suffix| suffix.to_str())
+        .is_some_and(|suffix| known.contains(&suffix.to_ascii_lowercase().as_str()))
+}
+
+/// A result and the seconds it took.
+pub(crate) fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
+    let start = Instant::now();
+    let result = work();
+    (result, start.elapsed().as_secs_f64())
+}
+
+/// The program, as it stands in headers and reports.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(crate) struct Program {
+    pub(crate) version: &'static str,
+    /// The commit it was built of, where that is known.
+    pub(crate) commit: Option<&'static str>,
+}
+
+pub(crate) const PROGRAM: Program = Program {
+    version: env!("CARGO_PKG_VERSION"),
+    commit: option_env!("ISOPHOTE_COMMIT"),
+};
+
+/// What computes: the processor, by the name it gives itself.
+pub(crate) fn device() -> String {
+    let name = std::fs::read_to_string("/proc/cpuinfo")
+        .ok()
+        .and_then(|text| {
+            let line = text.lines().find(|line| line.starts_with("model name"))?;
+            Some(line.split_once(':')?.1.trim().to_owned())
+        });
+    format!(
+        "cpu: {}",
+        name.unwrap_or_else(|| std::env::consts::ARCH.to_owned())
+    )
+}
+
+/// The most memory the program has held, or what it holds now where the system does not tell.
+pub(crate) fn memory_peak_bytes() -> Option<u64> {
+    proc_kibibytes("/proc/self/status", "VmHWM:")
+        .or_else(|| memory_stats::memory_stats().map(|stats| stats.physical_mem as u64))
+}
+
+/// The memory that could still be taken, where the system tells.
+pub(crate) fn memory_available_bytes() -> Option<u64> {
+    proc_kibibytes("/proc/meminfo", "MemAvailable:")
+}
+
+fn proc_kibibytes(file: &str, key: &str) -> Option<u64> {
+    let text = std::fs::read_to_string(file).ok()?;
+    let value = text.lines().find_map(|line| line.strip_prefix(key))?;
+    let kibibytes: u64 = value.trim().trim_end_matches("kB").trim().parse().ok()?;
+    Some(1024 * kibibytes)
+}

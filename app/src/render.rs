@@ -1,0 +1,382 @@
+//! `isophote render`: a scene becomes a picture.
+
+use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
+
+use anyhow::{Result, ensure};
+use clap::{Args, ValueEnum};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use isophote_scene::{
+    Camera, Image, Scene, Selection, check_writable,
+    reference::{self, Materials, Normals, Quantity, Render, Settings, Tracers},
+};
+use serde::Serialize;
+
+use crate::{
+    output::{
+        PROGRAM, Program, Voice, device, has_suffix, memory_available_bytes, memory_peak_bytes,
+        print_json, timed,
+    },
+    scene_args::{SceneArgs, choose_camera, require_geometry, require_light},
+    tracers::TracerChoice,
+    values,
+};
+
+const EXAMPLES: &str = "\
+An .exr file keeps linear light in 32-bit floats: the picture in R, G, B when one quantity is asked for, a layer for \
+each (ao.R, direct.R, …) when there are several, and always albedo, normal, position, depth, primitive and instance. \
+Its header holds every setting and the picture's own noise (relRMSE). A .png file is for looking at: every quantity, \
+ao too, is multiplied with 2^exposure and shown as sRGB.
+
+Examples:
+  isophote render builtin:cornell -o cornell.png
+  isophote render hall.glb --quantity ao --d-max 1.5 --spp 256 -o ao.exr
+  isophote render hall.glb --quantity direct,indirect,path --materials lambert --size 1280x720 -o hall.exr
+  isophote render --settings hall.exr --seed 2 -o again.exr   (with another seed)
+  isophote render room.obj --environment sky.hdr --add bunny.glb@0,0.8,0,0.5,30 -o room.png --exposure 1";
+
+/// Render a scene.
+#[derive(Args, Debug)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct RenderArgs {
+    /// A .glb, .gltf or .obj file, or builtin:NAME (cornell, corner, atrium, office, hairball)
+    #[arg(required_unless_present = "settings")]
+    scene: Option<String>,
+    /// How light is calculated
+    #[arg(long, value_enum, default_value = "reference")]
+    technique: Technique,
+    /// Who answers its rays
+    #[arg(long, value_enum, default_value = "bvh")]
+    tracer: TracerChoice,
+    /// What to calculate: ao, obscurance, direct, indirect, path, irradiance.direct, irradiance.indirect or
+    /// irradiance.path; several with commas
+    #[arg(
+        long,
+        value_name = "NAME[,…]",
+        value_delimiter = ',',
+        default_value = "path"
+    )]
+    quantity: Vec<Quantity>,
+    /// How far ao and obscurance look; obscurance needs a finite one [metres]
+    #[arg(long, value_name = "METRES", default_value = "inf", value_parser = values::distance)]
+    d_max: f32,
+    /// Leave out the indirect light of surfaces nearer than about this, as methods with virtual lights must [metres]
+    #[arg(long, value_name = "METRES", default_value_t = 0.0, value_parser = values::not_negative)]
+    min_d: f32,
+    /// Which part of the materials counts
+    #[arg(long, value_enum, default_value = "pbr")]
+    materials: MaterialsChoice,
+    /// Which normals surfaces are shaded with
+    #[arg(long, value_enum, default_value = "smooth")]
+    normals: NormalsChoice,
+    /// Surfaces that a light path of 'path' may meet
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    path_bounces: u32,
+    /// Width and height of the picture [pixels]
+    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = values::size)]
+    size: Size,
+    /// Samples per pixel; powers of two have the least noise
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    spp: u32,
+    /// Chooses the random numbers; the same seed gives the same picture
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// The camera, by its node's name; the scene's first one unless given. 'auto' frames the scene
+    #[arg(long, value_name = "NAME")]
+    camera: Option<String>,
+    /// Brighten a .png by this many stops (each doubles the light); .exr stays as it is
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, value_parser = values::finite, allow_hyphen_values = true)]
+    exposure: f32,
+    /// Threads to use; all unless given. The picture does not depend on it
+    #[arg(long, value_name = "N", value_parser = values::threads)]
+    pub(crate) threads: Option<usize>,
+    /// Repeat the settings in this file's header; flags given beside it win
+    #[arg(long, value_name = "OLD.exr")]
+    pub(crate) settings: Option<PathBuf>,
+    /// The picture to write: .exr or .png; may be repeated
+    #[arg(short, long, value_name = "FILE", required = true)]
+    output: Vec<PathBuf>,
+    /// Print settings, times, rays and memory as JSON
+    #[arg(long)]
+    json: bool,
+    /// Say nothing but errors
+    #[arg(short, long)]
+    quiet: bool,
+    #[command(flatten)]
+    changes: SceneArgs,
+}
+
+// clap takes a bare array for a list of values.
+type Size = [u32; 2];
+
+/// How light is calculated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Technique {
+    /// Path tracing: the right answer, given enough samples
+    Reference,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum MaterialsChoice {
+    /// Every surface is diffuse with its base colour
+    Lambert,
+    /// Metallic-roughness and transmission
+    Pbr,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum NormalsChoice {
+    /// Interpolated from the vertices
+    Smooth,
+    /// The triangles' own
+    Flat,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    outputs: &'a [PathBuf],
+    #[serde(flatten)]
+    program: Program,
+    device: String,
+    threads: usize,
+    settings: &'a BTreeMap<String, String>,
+    triangles: usize,
+    tracer_bytes: usize,
+    seconds: Seconds,
+    rays: u64,
+    rays_per_second: f64,
+    /// relRMSE of each quantity, from two independent halves of the samples.
+    noise: BTreeMap<String, f32>,
+    memory_peak_bytes: Option<u64>,
+}
+
+#[derive(Default, Serialize)]
+struct Seconds {
+    load: f64,
+    build: f64,
+    render: f64,
+    write: f64,
+}
+
+/// Renders; `settings` are all of the command's settings by name, for the header.
+pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) -> Result<()> {
+    let voice = Voice::new(args.quiet);
+    check_output(args)?;
+    check_memory(args)?;
+    let mut seconds = Seconds::default();
+    let name = args.scene.as_deref().unwrap_or_default();
+    let (scene, time) = timed(|| args.changes.load(name, voice));
+    let mut scene = scene?;
+    seconds.load = time;
+    require_geometry(&scene, name)?;
+    require_light(&mut scene, voice);
+    let camera = choose_camera(&scene, args.camera.as_deref(), voice)?;
+    settings.insert("camera".into(), camera.name.clone());
+    let scene = Arc::new(scene);
+    let selection = Selection {
+        bounds: args.changes.bounds(),
+        ..Selection::default()
+    };
+    let (tracer, time) = timed(|| args.tracer.build(&scene, &selection));
+    let tracer = tracer?;
+    seconds.build = time;
+    let tracers = Tracers {
+        exact: &*tracer.tracer,
+        secondary: &*tracer.tracer,
+    };
+    let (render, time) = match args.technique {
+        Technique::Reference => timed(|| by_reference(args, &scene, tracers, &camera, voice)),
+    };
+    let render = render?;
+    seconds.render = time;
+    let noise: BTreeMap<String, f32> = render
+        .estimates
+        .iter()
+        .map(|estimate| (estimate.quantity.to_string(), estimate.noise))
+        .collect();
+    let (rays, picture) = (render.rays, picture(render, &settings));
+    let (written, time) = timed(|| write(args, &picture, voice));
+    written?;
+    seconds.write = time;
+    if !args.json {
+        return Ok(());
+    }
+    print_json(&Report {
+        outputs: &args.output,
+        program: PROGRAM,
+        device: device(),
+        threads: rayon::current_num_threads(),
+        settings: &settings,
+        triangles: scene.triangle_count(),
+        tracer_bytes: tracer.bytes,
+        rays,
+        rays_per_second: rays as f64 / seconds.render,
+        seconds,
+        noise,
+        memory_peak_bytes: memory_peak_bytes(),
+    })
+}
+
+/// Hours of work must not end at a file that cannot be written.
+fn check_output(args: &RenderArgs) -> Result<()> {
+    for path in &args.output {
+        ensure!(
+            has_suffix(path, &["exr", "png"]),
+            "{}: unknown suffix; .exr and .png are known",
+            path.display()
+        );
+        ensure!(
+            args.quantity.len() == 1 || has_suffix(path, &["exr"]),
+            "{}: a .png shows one quantity; write .exr for {}",
+            path.display(),
+            args.quantity.len()
+        );
+        check_writable(path)?;
+    }
+    for (index, quantity) in args.quantity.iter().enumerate() {
+        ensure!(
+            !args.quantity[..index].contains(quantity),
+            "the quantity {quantity} is asked for twice"
+        );
+    }
+    Ok(())
+}
+
+/// Refuses a picture that would not fit into memory, or that no one could load again.
+fn check_memory(args: &RenderArgs) -> Result<()> {
+    let [width, height] = args.size;
+    let (pixels, quantities) = (
+        u64::from(width) * u64::from(height),
+        args.quantity.len() as u64,
+    );
+    // The channels of the file: RGB of each quantity and of three layers, and depth, primitive, instance.
+    let channels = 3 * quantities + 12;
+    let file = pixels * 4 * channels;
+    // They are held three times while they are written; before, two halves and their mean.
+    let needed = 3 * file.max(pixels * 12 * quantities + pixels * 48);
+    let gibibytes = |bytes: u64| bytes as f64 / f64::from(1 << 30);
+    ensure!(
+        file <= Image::MAX_BYTES,
+        "--size {width}x{height}: the picture has {:.1} GiB, more than the {:.0} that can be loaded again",
+        gibibytes(file),
+        gibibytes(Image::MAX_BYTES)
+    );
+    if let Some(available) = memory_available_bytes() {
+        ensure!(
+            needed <= available,
+            "--size {width}x{height}: needs about {:.1} GiB of memory, but only {:.1} are free",
+            gibibytes(needed),
+            gibibytes(available)
+        );
+    }
+    Ok(())
+}
+
+fn by_reference(
+    args: &RenderArgs,
+    scene: &Scene,
+    tracers: Tracers<'_, dyn isophote_scene::Tracer, dyn isophote_scene::Tracer>,
+    camera: &Camera,
+    voice: Voice,
+) -> Result<Render> {
+    let settings = Settings {
+        d_max: args.d_max,
+        min_d: args.min_d,
+        materials: match args.materials {
+            MaterialsChoice::Lambert => Materials::Lambert,
+            MaterialsChoice::Pbr => Materials::Pbr,
+        },
+        normals: match args.normals {
+            NormalsChoice::Smooth => Normals::Smooth,
+            NormalsChoice::Flat => Normals::Flat,
+        },
+        samples: args.spp,
+        seed: args.seed,
+        path_bounces: args.path_bounces,
+    };
+    let bar = progress_bar(voice);
+    let advance = |done: u64, total: u64| {
+        bar.set_length(total);
+        bar.set_position(bar.position().max(done));
+    };
+    let render = reference::render(
+        scene,
+        tracers,
+        camera,
+        args.size,
+        &args.quantity,
+        &settings,
+        &advance,
+    );
+    bar.finish_and_clear();
+    Ok(render?)
+}
+
+/// On standard error; indicatif hides it where that is no terminal.
+fn progress_bar(voice: Voice) -> ProgressBar {
+    let target = if voice.is_quiet() {
+        ProgressDrawTarget::hidden()
+    } else {
+        ProgressDrawTarget::stderr()
+    };
+    let style = ProgressStyle::with_template("{wide_bar} {percent:>3} %  {elapsed}, {eta} left");
+    let bar = ProgressBar::with_draw_target(Some(0), target);
+    match style {
+        Ok(style) => bar.with_style(style),
+        Err(_) => bar,
+    }
+}
+
+/// The file's image: quantities, layers, and the header.
+fn picture(render: Render, settings: &BTreeMap<String, String>) -> Image {
+    let [width, height] = render.size;
+    let mut image = Image::new(width, height);
+    image.attributes.clone_from(settings);
+    let single = render.estimates.len() == 1;
+    for estimate in &render.estimates {
+        let quantity = estimate.quantity.name();
+        let (layer, noise) = if single {
+            ("", "noise".to_owned())
+        } else {
+            (quantity, format!("noise.{quantity}"))
+        };
+        image.push_layer(layer, "RGB", &estimate.values);
+        // With one sample there are no two halves to tell.
+        if estimate.noise.is_finite() {
+            image.attributes.insert(noise, estimate.noise.to_string());
+        }
+    }
+    let layers = render.layers;
+    image.push_layer("albedo", "RGB", &layers.albedo);
+    image.push_layer("normal", "XYZ", &layers.normal);
+    image.push_layer("position", "XYZ", &layers.position);
+    image.push("depth.Z", layers.depth);
+    image.push("primitive", layers.primitive);
+    image.push("instance", layers.instance);
+    for (name, value) in [
+        // OpenEXR has a meaning of its own for `version` and `software`.
+        ("isophote", PROGRAM.version),
+        ("commit", PROGRAM.commit.unwrap_or("unknown")),
+        ("device", &device()),
+        ("rays", &render.rays.to_string()),
+    ] {
+        image.attributes.insert(name.into(), value.into());
+    }
+    image
+}
+
+fn write(args: &RenderArgs, image: &Image, voice: Voice) -> Result<()> {
+    for path in &args.output {
+        if has_suffix(path, &["exr"]) {
+            image.save(path)?;
+        } else {
+            image.save_png(path, args.exposure)?;
+            voice.note(format_args!(
+                "{} shows {} as sRGB at exposure {} stops; write .exr for measuring",
+                path.display(),
+                args.quantity[0],
+                args.exposure
+            ));
+        }
+    }
+    Ok(())
+}

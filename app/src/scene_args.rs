@@ -1,0 +1,219 @@
+//! The scene on the command line: where it comes from and what is changed in it.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail, ensure};
+use clap::Args;
+use glam::Vec3;
+use isophote_scene::{
+    Aabb, Camera, Environment, EnvironmentMap, Image, InstanceMask, LightKind, LoadOptions, Scene,
+    builtin, load_with,
+};
+
+use crate::{
+    output::Voice,
+    values::{self, Addition, Bounds, EnvironmentChoice, MaterialOverride},
+};
+
+/// What is changed in a scene before anything is done with it; few files have all that a method needs.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Changes to the scene")]
+pub(crate) struct SceneArgs {
+    /// Give a material these values, both 0..1, instead of its own and its texture's; may be repeated
+    #[arg(long, value_name = "NAME=METALLIC,ROUGHNESS", value_parser = values::material)]
+    material: Vec<MaterialOverride>,
+    /// Make every point light a sphere of this radius, which softens its shadows [metres]
+    #[arg(long, value_name = "METRES", value_parser = values::not_negative)]
+    light_radius: Option<f32>,
+    /// Light from outside: a radiance [W/(sr·m²)] from everywhere, or a panorama (.exr or .hdr, its middle towards −Z)
+    #[arg(long, value_name = "FILE|R,G,B", value_parser = values::environment, allow_hyphen_values = true)]
+    environment: Option<EnvironmentChoice>,
+    /// Put the objects of another scene at a place, without its lights and cameras [metres, degrees about +Y]; may be
+    /// repeated. ':moving' marks them as not static
+    #[arg(long, value_name = "FILE@X,Y,Z[,SCALE[,YAW]][:moving]", value_parser = values::addition)]
+    add: Vec<Addition>,
+    /// The part of the scene that tracers hold: what suits the tracer (exact ones hold everything), everything, or
+    /// what touches a box [metres]
+    #[arg(long, value_name = "auto|scene|X0,Y0,Z0,X1,Y1,Z1", default_value = "auto", value_parser = values::bounds, allow_hyphen_values = true)]
+    bounds: Bounds,
+    /// Show animated things where they are at this time [seconds]
+    #[arg(long, value_name = "SECONDS", value_parser = values::finite, allow_hyphen_values = true)]
+    time: Option<f32>,
+    /// The scene to take from a glTF file that holds several, by name or number from 0; its default scene otherwise
+    #[arg(long, value_name = "NAME|NUMBER")]
+    gltf_scene: Option<String>,
+    /// Refuse a scene file that takes more memory than this [MiB]
+    #[arg(long, value_name = "MIB", default_value_t = 1024, value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
+    memory_limit: u64,
+}
+
+impl SceneArgs {
+    /// Loads the scene, changes it, and says what the loader had to say.
+    pub(crate) fn load(&self, scene: &str, voice: Voice) -> Result<Scene> {
+        let mut scene = self.load_one(scene)?;
+        if let Some(seconds) = self.time {
+            scene.set_time(seconds);
+        }
+        for addition in &self.add {
+            self.add(&mut scene, addition)?;
+        }
+        for change in &self.material {
+            change_material(&mut scene, change)?;
+        }
+        if let Some(radius) = self.light_radius {
+            set_light_radius(&mut scene, radius, voice);
+        }
+        if let Some(choice) = &self.environment {
+            scene.environment = environment(choice)?;
+        }
+        for warning in &scene.report.warnings {
+            voice.warning(warning);
+        }
+        let dropped = &scene.report.dropped;
+        if dropped.total() > 0 {
+            voice.warning(format_args!(
+                "{} triangles were dropped: {} without area, {} with NaN or infinite corners, {} with corners that do not exist",
+                dropped.total(), dropped.zero_area, dropped.non_finite, dropped.out_of_range
+            ));
+        }
+        Ok(scene)
+    }
+
+    /// The box given with `--bounds`. Exact tracers hold everything otherwise.
+    pub(crate) fn bounds(&self) -> Option<Aabb> {
+        match self.bounds {
+            Bounds::Auto | Bounds::Scene => None,
+            Bounds::Box(bounds) => Some(bounds),
+        }
+    }
+
+    fn load_one(&self, scene: &str) -> Result<Scene> {
+        if builtin::is_builtin(scene) {
+            return Ok(builtin::build(scene)?);
+        }
+        let options = LoadOptions {
+            scene: self.gltf_scene.clone(),
+            memory_limit: self.memory_limit << 20,
+        };
+        Ok(load_with(Path::new(scene), &options)?)
+    }
+
+    fn add(&self, scene: &mut Scene, addition: &Addition) -> Result<()> {
+        let other = self.load_one(&addition.scene)?;
+        ensure!(
+            !other.instances.is_empty(),
+            "{}: has no geometry to add",
+            addition.scene
+        );
+        let added = scene.add(&other, addition.transform);
+        if addition.moving {
+            for instance in &mut scene.instances[added] {
+                instance.mask = instance.mask.without(InstanceMask::STATIC);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The scene must have something to trace.
+pub(crate) fn require_geometry(scene: &Scene, name: &str) -> Result<()> {
+    ensure!(
+        scene.triangle_count() > 0,
+        "{name}: has no geometry: nothing to trace"
+    );
+    Ok(())
+}
+
+/// The camera of that name, the first one, or one that sees everything.
+pub(crate) fn choose_camera(scene: &Scene, name: Option<&str>, voice: Voice) -> Result<Camera> {
+    let framed = || Camera::framing(&scene.bounds());
+    match name {
+        Some(name) => match scene.camera(name) {
+            Some(camera) => Ok(camera.clone()),
+            None if name == framed().name => Ok(framed()),
+            None => bail!(
+                "no camera is called '{name}'; there are: {}",
+                list(scene.cameras.iter().map(|camera| &camera.name[..]), "auto")
+            ),
+        },
+        None => Ok(scene.cameras.first().cloned().unwrap_or_else(|| {
+            voice.note("the scene has no camera: it is framed automatically");
+            framed()
+        })),
+    }
+}
+
+/// Lights a scene without light from everywhere.
+pub(crate) fn require_light(scene: &mut Scene, voice: Voice) {
+    if !scene.has_light() {
+        scene.environment = Environment::Constant(Vec3::ONE);
+        voice.note("the scene has no light: a plain white environment is used");
+    }
+}
+
+fn change_material(scene: &mut Scene, change: &MaterialOverride) -> Result<()> {
+    let mut found = false;
+    for material in &mut scene.materials {
+        if material.name == change.name {
+            found = true;
+            (material.metallic, material.roughness) = (change.metallic, change.roughness);
+            material.metallic_roughness_texture = None;
+        }
+    }
+    let names = scene.materials.iter().map(|material| &material.name[..]);
+    ensure!(
+        found,
+        "no material is called '{}'; there are: {}",
+        change.name,
+        list(names, "")
+    );
+    Ok(())
+}
+
+fn set_light_radius(scene: &mut Scene, metres: f32, voice: Voice) {
+    let mut found = false;
+    for light in &mut scene.lights {
+        if let LightKind::Point { radius } = &mut light.kind {
+            *radius = metres;
+            found = true;
+        }
+    }
+    if !found {
+        voice.warning("--light-radius changes nothing: the scene has no point light");
+    }
+}
+
+fn environment(choice: &EnvironmentChoice) -> Result<Environment> {
+    match choice {
+        EnvironmentChoice::Constant(radiance) => Ok(Environment::Constant(*radiance)),
+        EnvironmentChoice::File(path) => panorama(path),
+    }
+}
+
+fn panorama(path: &PathBuf) -> Result<Environment> {
+    let image = Image::load(path)?;
+    let Some(texels) = image.rgb("") else {
+        bail!("{}: a panorama needs channels R, G and B", path.display());
+    };
+    let map = EnvironmentMap::new(image.width, image.height, texels)
+        .map_err(|error| anyhow::anyhow!("{}: {error}", path.display()))?;
+    Ok(Environment::Map(map))
+}
+
+/// Names for an error message: each once, cut where there are very many, with a last one that always exists.
+fn list<'a>(names: impl Iterator<Item = &'a str>, last: &'a str) -> String {
+    const MOST: usize = 40;
+    let mut names: Vec<&str> = names.collect();
+    names.sort_unstable();
+    names.dedup();
+    let more = names.len().saturating_sub(MOST);
+    names.truncate(MOST);
+    if !last.is_empty() {
+        names.push(last);
+    }
+    let mut text = names.join(", ");
+    if more > 0 {
+        text += &format!(" and {more} more");
+    }
+    text
+}
