@@ -1,5 +1,7 @@
 //! The program from outside: what it writes, what it says, and how it refuses.
 
+#![expect(clippy::unwrap_used, reason = "a test's helpers may fail the test")]
+
 use std::{
     fs,
     path::{Path, PathBuf},
