@@ -1,17 +1,12 @@
 //! The real scenes in `../shared/scenes`, where that folder is.
+#![cfg(feature = "gltf")]
 
-use std::{fs, path::PathBuf};
+mod support;
+
+use std::fs;
 
 use isophote_scene::{Dropped, LightKind, load};
-
-fn shared(folder: &str) -> Option<PathBuf> {
-    let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")).join(folder);
-    let found = path.is_dir();
-    if !found {
-        eprintln!("skipped: {} is absent", path.display());
-    }
-    found.then_some(path)
-}
+use support::{check::check, shared};
 
 /// The first three columns of MANIFEST.md's table: name, triangles, textures.
 fn manifest(text: &str) -> Vec<(String, usize, usize)> {
@@ -35,6 +30,7 @@ fn scenes_hold_what_their_manifest_says() {
     assert_eq!(rows.len(), 15);
     for (name, triangles, textures) in rows {
         let scene = load(&folder.join(&name).with_extension("glb")).unwrap();
+        check(&scene);
         assert_eq!(scene.triangle_count(), triangles, "{name}");
         assert_eq!(scene.textures.len(), textures, "{name}");
         assert!(scene.camera("camera_main").is_some(), "{name}");

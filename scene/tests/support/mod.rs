@@ -11,7 +11,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use isophote_scene::{Result, Scene, load};
+use isophote_scene::{LoadOptions, Result, Scene, load_with};
 
 /// A folder beside the workspace, if it is there; says so if not.
 pub(crate) fn shared(folder: &str) -> Option<PathBuf> {
@@ -52,11 +52,15 @@ impl Files {
 
     /// Writes the files to a folder of their own and loads the first.
     pub(crate) fn load(&self) -> Result<Scene> {
+        self.load_with(&LoadOptions::default())
+    }
+
+    pub(crate) fn load_with(&self, options: &LoadOptions) -> Result<Scene> {
         let folder = folder();
         for (name, content) in &self.0 {
             fs::write(folder.path().join(name), content).unwrap();
         }
-        load(&folder.path().join(&self.0[0].0))
+        load_with(&folder.path().join(&self.0[0].0), options)
     }
 }
 

@@ -290,7 +290,7 @@ fn add_compressed(
     let view = gltf.view(encoded);
     let source = gltf.json["bufferViews"][view].clone();
     // The uncompressed data would be in a buffer that is not there.
-    let placeholder = json!({
+    let mut placeholder = json!({
         "buffer": 1,
         "byteLength": count * stride,
         "extensions": { "EXT_meshopt_compression": {
@@ -303,6 +303,9 @@ fn add_compressed(
             "filter": filter
         } }
     });
+    if mode == "ATTRIBUTES" {
+        placeholder["byteStride"] = json!(stride);
+    }
     gltf.add("bufferViews", placeholder)
 }
 

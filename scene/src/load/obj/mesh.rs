@@ -70,24 +70,27 @@ fn convert(
         let all = face.first as usize..(face.first + face.corners) as usize;
         corners.clear();
         corners.extend_from_slice(&geometry.corners[all]);
-        let lost = u64::from(face.corners) - 2;
+        let whole = u64::from(face.corners) - 2;
         let position = |corner: &Corner| geometry.positions.get(corner.position as usize).copied();
         positions.clear();
         positions.extend(corners.iter().map_while(position));
         if positions.len() < corners.len() {
-            dropped.out_of_range += lost;
+            dropped.out_of_range += whole;
             continue;
         }
         if !positions.iter().all(|position| position.is_finite()) {
-            dropped.non_finite += lost;
+            dropped.non_finite += whole;
             continue;
         }
         complete(context, geometry, &mut corners);
         let material = materials.get(&geometry.materials.list[face.material as usize])?;
+        let before = triangles.len();
         triangulate(&positions, |triangle| {
             triangles.push(triangle.map(|i| corners[i]))?;
             triangle_materials.push(material)
         })?;
+        // Corners that lie on a line or on each other are cut off without a triangle.
+        dropped.zero_area += whole.saturating_sub((triangles.len() - before) as u64);
     }
     assemble(context, geometry, &triangles, &triangle_materials, name)
 }
