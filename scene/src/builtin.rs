@@ -19,11 +19,11 @@
 mod cornell;
 mod corner;
 mod hairball;
+mod office;
 #[expect(dead_code, reason = "the scenes still to come use the rest")]
+mod paint;
 mod random;
-#[expect(dead_code, reason = "the scenes still to come use the rest")]
 mod shapes;
-#[expect(dead_code, reason = "the scenes still to come use the rest")]
 mod stage;
 
 #[cfg(test)]
@@ -43,6 +43,10 @@ pub const NAMES: &[(&str, &str)] = &[
     (
         "corner",
         "three planes with objects, for ambient occlusion; corner:N has N × N vertices a plane (2 to 1025, 33 unless given)",
+    ),
+    (
+        "office",
+        "a furnished room with metal and a mirror, about 20,000 triangles",
     ),
     (
         "hairball",
@@ -77,6 +81,7 @@ pub fn build(spec: &str) -> Result<Scene> {
     match name {
         "cornell" => plain(cornell::build),
         "corner" => number(parameter, corner::VERTICES).map(corner::build),
+        "office" => plain(office::build),
         "hairball" => number(parameter, hairball::TRIANGLES).map(hairball::build),
         _ => Err(Error::UnknownBuiltin {
             name: name.to_owned(),

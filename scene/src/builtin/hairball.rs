@@ -64,8 +64,8 @@ pub(super) fn build(triangles: usize) -> Scene {
     }
     stage.single(ball);
 
-    stage.point_light("key", [1.6, 2.4, 1.9], [40.0, 38.0, 35.0]);
-    stage.point_light("fill", [-1.7, 1.1, 1.6], [7.0, 7.8, 9.2]);
+    stage.point_light("key", [1.6, 2.4, 1.9], [28.0, 26.6, 24.5]);
+    stage.point_light("fill", [-1.7, 1.1, 1.6], [5.0, 5.6, 6.6]);
     stage.camera("camera_main", [0.35, 0.95, 1.75], [0.0, 0.45, 0.0], 42.0);
     stage.finish()
 }

@@ -284,6 +284,55 @@ impl Shape {
         })
     }
 
+    /// A box with round edges and corners: the rounder, the smaller `power` is below 1 (a sphere has 1).
+    pub(super) fn cushion(
+        &mut self,
+        center: impl Into<Vec3>,
+        half: impl Into<Vec3>,
+        power: f32,
+        segments: usize,
+    ) -> &mut Self {
+        let (center, half, rings) = (center.into(), half.into(), segments / 2);
+        let soft = |x: f32| x.abs().powf(power).copysign(x);
+        self.grid([rings, segments], [false, true], |i, j| {
+            let (sin, cos) = pole_to_pole(i, rings);
+            let (s, c) = (TAU * (j as f32 + 0.5) / segments as f32).sin_cos();
+            let around = soft(sin);
+            center + half * Vec3::new(around * soft(c), -soft(cos), around * soft(s))
+        })
+    }
+
+    /// A rectangular slab in the xy plane from `z[0]` to `z[1]` with a rectangular hole; `[min, max]` corners.
+    pub(super) fn frame(
+        &mut self,
+        outer: [[f32; 2]; 2],
+        inner: [[f32; 2]; 2],
+        z: [f32; 2],
+    ) -> &mut Self {
+        let ring = |[min, max]: [[f32; 2]; 2], z: f32| {
+            [
+                Vec3::new(min[0], min[1], z),
+                Vec3::new(max[0], min[1], z),
+                Vec3::new(max[0], max[1], z),
+                Vec3::new(min[0], max[1], z),
+            ]
+        };
+        let [outer_back, outer_front] = z.map(|z| ring(outer, z));
+        let [inner_back, inner_front] = z.map(|z| ring(inner, z));
+        for i in 0..4 {
+            let j = (i + 1) % 4;
+            for [a, b] in [
+                [&outer_front, &inner_front],
+                [&outer_back, &outer_front],
+                [&inner_back, &outer_back],
+                [&inner_front, &inner_back],
+            ] {
+                self.polygon(&[a[i], a[j], b[j], b[i]]);
+            }
+        }
+        self
+    }
+
     fn vertex(&mut self, position: Vec3, normal: Vec3, uv: Vec2) {
         let normal = self.place.transform_vector3(normal);
         self.mesh
@@ -379,13 +428,6 @@ pub(super) fn frames_along(curve: &[Vec3]) -> Vec<Affine3A> {
         .collect()
 }
 
-/// A circle as a closed profile, counter-clockwise.
-pub(super) fn circle(radius: f32, segments: usize) -> Vec<Vec2> {
-    (0..=segments)
-        .map(|i| radius * Vec2::from_angle(TAU * (i % segments) as f32 / segments as f32))
-        .collect()
-}
-
 /// A profile from pairs of numbers.
 pub(super) fn profile<const N: usize>(points: [[f32; 2]; N]) -> Vec<Vec2> {
     points.map(Vec2::from).to_vec()
@@ -443,9 +485,11 @@ mod tests {
         sphere.sphere(Vec3::ONE, 1.0, 64);
         assert!((volume(&sphere.finish()) - TAU * 2.0 / 3.0).abs() < 0.03);
         let mut torus = Shape::new("", 0);
-        let curve: Vec<Vec3> = circle(1.0, 64)[..64]
-            .iter()
-            .map(|p| Vec3::new(p.x, 0.0, p.y))
+        let curve: Vec<Vec3> = (0..64)
+            .map(|i| {
+                let (sin, cos) = (TAU * i as f32 / 64.0).sin_cos();
+                Vec3::new(cos, 0.0, sin)
+            })
             .collect();
         torus.ring(&curve, 32, 0.25);
         assert!((volume(&torus.finish()) - 0.5 * TAU * TAU * 0.0625).abs() < 0.02);

@@ -14,6 +14,13 @@ const SCENES: &[Expected] = &[
     ("cornell", 38, 38, [-0.001; 3], [0.557, 0.549, 0.56]),
     ("corner", 10_000, 30_000, [-0.02; 3], [4.01, 4.01, 4.01]),
     (
+        "office",
+        19_000,
+        23_000,
+        [-3.41, -0.31, -2.91],
+        [3.41, 3.11, 2.91],
+    ),
+    (
         "hairball:20000",
         19_900,
         20_000,
@@ -326,7 +333,7 @@ fn cornell_has_red_on_the_left_and_light_above() {
 #[test]
 fn wrong_names_and_numbers_are_errors() {
     let message = |spec: &str| build(spec).unwrap_err().to_string();
-    assert!(message("builtin:sponza").contains("cornell, corner, hairball"));
+    assert!(message("builtin:sponza").contains("cornell, corner, office, hairball"));
     assert!(message("").contains("hairball"));
     for spec in [
         "hairball:999",
