@@ -10,6 +10,8 @@
 #[cfg(any(feature = "gltf", feature = "obj"))]
 mod budget;
 #[cfg(any(feature = "gltf", feature = "obj"))]
+mod context;
+#[cfg(any(feature = "gltf", feature = "obj"))]
 mod files;
 #[cfg(feature = "gltf")]
 mod gltf;

@@ -22,26 +22,15 @@ mod text;
 use std::path::Path;
 
 use self::{geometry::Geometry, material::Materials, mtl::Library};
-use super::{LoadOptions, budget::Budget, files, warnings::Warnings};
-use crate::{LoadReport, Result, Scene};
-
-/// A file that is being loaded.
-struct Context<'a> {
-    path: &'a Path,
-    budget: &'a Budget<'a>,
-    warnings: Warnings,
-}
+use super::{LoadOptions, budget::Budget, context::Context};
+use crate::{Result, Scene};
 
 /// Loads an OBJ file and the material libraries that it names.
 pub(super) fn load(path: &Path, options: &LoadOptions) -> Result<Scene> {
     let budget = Budget::new(path, options.memory_limit);
-    let context = Context {
-        path,
-        budget: &budget,
-        warnings: Warnings::default(),
-    };
+    let context = Context::new(path, &budget);
     let geometry = {
-        let (bytes, _held) = files::read(path, &budget)?;
+        let (bytes, _held) = context.read(path)?;
         let (text, _held) = text::decode(&bytes, &budget)?;
         Geometry::parse(&context, &text)?
     };
@@ -50,9 +39,5 @@ pub(super) fn load(path: &Path, options: &LoadOptions) -> Result<Scene> {
     let mut scene = Scene::default();
     let dropped = mesh::build(&context, &geometry, &mut materials, &mut scene)?;
     (scene.materials, scene.textures) = materials.finish();
-    scene.report = LoadReport {
-        warnings: context.warnings.into_lines(),
-        dropped,
-    };
-    Ok(scene)
+    Ok(context.finish(scene, dropped))
 }

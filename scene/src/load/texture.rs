@@ -10,6 +10,9 @@ use super::{
 };
 use crate::{ColorSpace, Result, Texture};
 
+/// Most bytes that what is no pixel may take: compressed colour profiles in PNG files can be bombs.
+const METADATA: u64 = 16 << 20;
+
 /// A decoded image: 8-bit RGBA, row by row from the top.
 pub(super) struct Pixels<'a> {
     pub(super) width: u32,
@@ -44,6 +47,7 @@ pub(super) fn decode<'a>(
         ));
         Ok(None)
     };
+    let _metadata = budget.borrow("the metadata of an image", 2 * METADATA)?;
     let decoder = match decoder(bytes, name, budget) {
         Ok(decoder) => decoder,
         Err(reason) => return unusable(reason),
@@ -54,8 +58,13 @@ pub(super) fn decode<'a>(
         return unusable("it has no pixels".into());
     }
     let what = format!("the {width}×{height} image '{name}'");
-    // Six bytes a pixel are what a progressive JPEG's coefficients take, more than the texels made afterwards.
-    let decoding = budget.borrow(&what, decoder.total_bytes().saturating_add(6 * pixels))?;
+    // Below, no product overflows: so many pixels are not allowed. Six bytes a pixel are what a progressive JPEG's coefficients take, more than the texels made afterwards.
+    let decoding = budget.borrow(
+        &what,
+        decoder
+            .total_bytes()
+            .saturating_add(pixels.saturating_mul(6)),
+    )?;
     let texels = match DynamicImage::from_decoder(decoder) {
         Ok(image) => texels(&image),
         Err(error) => return unusable(error.to_string()),
@@ -82,10 +91,16 @@ fn decoder<'a>(
         Err(_) => return Err("it is of no known format".into()),
     };
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
-    let mut limits = Limits::no_limits();
-    limits.max_alloc = Some(budget.left());
-    reader.limits(limits);
-    reader.into_decoder().map_err(|error| error.to_string())
+    let limits = |bytes: u64| {
+        let mut limits = Limits::no_limits();
+        limits.max_alloc = Some(bytes);
+        limits
+    };
+    reader.limits(limits(METADATA));
+    let mut decoder = reader.into_decoder().map_err(|error| error.to_string())?;
+    let set = decoder.set_limits(limits(budget.left()));
+    set.map_err(|error| error.to_string())?;
+    Ok(decoder)
 }
 
 /// The pixels as 8-bit RGBA, without a second copy in between.

@@ -9,10 +9,7 @@ use gltf_json::Buffer;
 use percent_encoding::percent_decode_str;
 
 use super::{document::Document, meshopt};
-use crate::{
-    Result,
-    load::{budget::Borrowed, files},
-};
+use crate::{Result, load::budget::Borrowed};
 
 /// Bytes that a URI stands for, and the memory they hold.
 pub(super) type Fetched<'a> = (Vec<u8>, Borrowed<'a>);
@@ -111,10 +108,12 @@ impl Document<'_> {
             )));
         }
         let decoded = percent_decode_str(uri).decode_utf8_lossy();
-        let path = files::beside(self.path, &decoded)
-            .or_else(|| files::beside(self.path, uri))
+        let context = &self.context;
+        let path = context
+            .find(context.path, &decoded)
+            .or_else(|| context.find(context.path, uri))
             .ok_or_else(|| self.malformed(format!("{what}: the file '{decoded}' is missing")))?;
-        files::read(&path, self.budget)
+        context.read(&path)
     }
 }
 

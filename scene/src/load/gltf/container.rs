@@ -93,8 +93,8 @@ pub(super) fn parse<'a>(
 /// An upper estimate of the memory that a JSON text takes as values: short texts can stand for large ones.
 fn json_memory(json: &[u8]) -> u64 {
     // A map's first entry allocates a tree node of about 700 bytes; an empty object can be a material or a node.
-    const OBJECT: u64 = 1500;
-    const ITEM: u64 = 100;
+    const OBJECT: u64 = 2200;
+    const ITEM: u64 = 160;
     let (mut memory, mut in_string, mut escaped) = (2 * json.len() as u64, false, false);
     for &byte in json {
         match byte {

@@ -10,8 +10,8 @@ use gltf_json::Root;
 
 use super::container;
 use crate::{
-    Dropped, Error, LoadReport, Result, Scene,
-    load::{budget::Budget, files, warnings::Warnings},
+    Dropped, Error, Result, Scene,
+    load::{budget::Budget, context::Context},
 };
 
 /// The extensions that are understood, at least as far as a renderer of light needs them.
@@ -30,10 +30,9 @@ pub(super) const SUPPORTED: &[&str] = &[
 
 /// An open file: its JSON, its bytes, and what has happened so far.
 pub(super) struct Document<'a> {
-    pub(super) path: &'a Path,
-    pub(super) root: Root,
+    pub(super) context: Context<'a>,
     pub(super) budget: &'a Budget<'a>,
-    pub(super) warnings: Warnings,
+    pub(super) root: Root,
     bytes: Vec<u8>,
     bin: Option<Range<usize>>,
     /// External and embedded buffers, read when first asked for.
@@ -46,15 +45,15 @@ pub(super) struct Document<'a> {
 impl<'a> Document<'a> {
     /// Reads a file and its JSON, and checks that its required extensions are supported.
     pub(super) fn open(path: &'a Path, budget: &'a Budget<'a>) -> Result<Self> {
-        let (bytes, held) = files::read(path, budget)?;
+        let context = Context::new(path, budget);
+        let (bytes, held) = context.read(path)?;
         held.keep();
         let parts = container::split(path, &bytes)?;
         let (root, held) = container::parse(path, &bytes[parts.json], budget)?;
         held.keep();
         let document = Self {
-            path,
+            context,
             budget,
-            warnings: Warnings::default(),
             bytes,
             bin: parts.bin,
             buffers: root.buffers.iter().map(|_| OnceCell::new()).collect(),
@@ -85,11 +84,11 @@ impl<'a> Document<'a> {
     }
 
     pub(super) fn malformed(&self, reason: impl Into<String>) -> Error {
-        Error::malformed(self.path, reason)
+        self.context.malformed(reason)
     }
 
     pub(super) fn warn(&self, line: impl Into<String>) {
-        self.warnings.add(line);
+        self.context.warn(line);
     }
 
     /// Adds to the numbers of dropped triangles.
@@ -101,20 +100,14 @@ impl<'a> Document<'a> {
 
     /// The scene with the report of how it was loaded.
     pub(super) fn finish(self, scene: Scene) -> Scene {
-        Scene {
-            report: LoadReport {
-                warnings: self.warnings.into_lines(),
-                dropped: self.dropped.get(),
-            },
-            ..scene
-        }
+        self.context.finish(scene, self.dropped.get())
     }
 
     fn check_extensions(&self) -> Result<()> {
         let unsupported = |name: &&String| !SUPPORTED.contains(&name.as_str());
         if let Some(name) = self.root.extensions_required.iter().find(unsupported) {
             return Err(Error::Unsupported {
-                path: self.path.to_owned(),
+                path: self.context.path.to_owned(),
                 feature: name.clone(),
                 remedy: remedy(name),
             });

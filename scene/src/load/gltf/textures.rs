@@ -9,10 +9,7 @@ use gltf_json::{
 };
 
 use super::document::Document;
-use crate::{
-    ColorSpace, Error, Filter, Result, Texture, Wrap,
-    load::{budget::Borrowed, texture},
-};
+use crate::{ColorSpace, Filter, Result, Texture, Wrap, load::budget::Borrowed};
 
 /// The textures that the scene uses, decoded when first asked for.
 pub(super) struct Textures<'a> {
@@ -58,8 +55,7 @@ impl<'a> Textures<'a> {
         let Some((name, bytes, _held)) = self.image(image)? else {
             return Ok(None);
         };
-        let budget = document.budget;
-        let Some(pixels) = texture::decode(&bytes, &name, budget, &document.warnings)? else {
+        let Some(pixels) = document.context.pixels(&bytes, &name)? else {
             return Ok(None);
         };
         let mut texture = pixels.into_texture(&name, color_space);
@@ -84,18 +80,15 @@ impl<'a> Textures<'a> {
                 let name = own_name.unwrap_or_else(numbered);
                 Ok(Some((name, bytes.into(), None)))
             }
-            (Some(uri), None) => match document.fetch(&numbered(), uri) {
-                Ok((bytes, held)) => {
-                    let file = Some(uri.clone()).filter(|uri| !uri.starts_with("data:"));
-                    let name = file.or(own_name).unwrap_or_else(numbered);
-                    Ok(Some((name, bytes.into(), Some(held))))
-                }
-                Err(error @ Error::TooLarge { .. }) => Err(error),
-                Err(error) => {
-                    document.warn(format!("{error}; white takes its place"));
-                    Ok(None)
-                }
-            },
+            (Some(uri), None) => {
+                let fetched = document.fetch(&numbered(), uri);
+                let Some((bytes, held)) = document.context.optional(fetched)? else {
+                    return Ok(None);
+                };
+                let file = Some(uri.clone()).filter(|uri| !uri.starts_with("data:"));
+                let name = file.or(own_name).unwrap_or_else(numbered);
+                Ok(Some((name, bytes.into(), Some(held))))
+            }
             (None, None) => {
                 document.warn(format!(
                     "{} has neither data nor a file; white takes its place",

@@ -4,11 +4,12 @@ use std::collections::HashMap;
 
 use glam::{Vec2, Vec3};
 
-use super::{
-    Context,
-    text::{lines, number, statement, words},
+use super::text::{lines, number, statement, words};
+use crate::{
+    Result,
+    load::{context::Context, pool::Pool},
+    srgb_to_linear,
 };
-use crate::{Error, Result, load::pool::Pool, srgb_to_linear};
 
 /// Stands for an index that is missing or refers to nothing.
 pub(super) const NONE: u32 = u32::MAX;
@@ -127,11 +128,9 @@ impl<'a> Geometry<'a> {
                 context.budget.claim("the names", rest.len() as u64 + 100)?;
                 self.libraries.push(rest.trim_end().to_owned());
             }
-            "l" | "p" => context.warnings.add("points and lines are ignored"),
+            "l" | "p" => context.warn("points and lines are ignored"),
             "curv" | "curv2" | "surf" => {
-                context
-                    .warnings
-                    .add("free-form curves and surfaces are ignored; convert them to polygons");
+                context.warn("free-form curves and surfaces are ignored; convert them to polygons");
             }
             _ => {}
         }
@@ -170,15 +169,10 @@ impl<'a> Geometry<'a> {
         }
         let corners = self.corners.len() - first;
         if u32::try_from(self.corners.len()).is_err() {
-            return Err(Error::malformed(
-                context.path,
-                "has more than 2³² corners of faces; split it",
-            ));
+            return Err(context.malformed("has more than 2³² corners of faces; split it"));
         }
         if corners < 3 {
-            context
-                .warnings
-                .add("faces with fewer than three corners are ignored");
+            context.warn("faces with fewer than three corners are ignored");
             return Ok(());
         }
         self.faces.push(Face {

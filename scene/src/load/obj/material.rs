@@ -4,16 +4,10 @@ use std::{collections::HashMap, sync::Arc};
 
 use glam::{Affine2, Vec2, Vec3};
 
-use super::{
-    Context,
-    mtl::{Entry, Library, Map},
-};
+use super::mtl::{Entry, Library, Map};
 use crate::{
-    Alpha, ColorSpace, Error, Material, Result, Texture, TextureRef, Wrap,
-    load::{
-        files,
-        texture::{self, Pixels},
-    },
+    Alpha, ColorSpace, Material, Result, Texture, TextureRef, Wrap,
+    load::{context::Context, texture::Pixels},
 };
 
 /// Reflectance where a file says none; the MTL default of most programs.
@@ -53,7 +47,7 @@ impl<'a> Materials<'a> {
             Some(entry) => self.convert(entry)?,
             None => {
                 if !name.is_empty() {
-                    self.context.warnings.add(format!(
+                    self.context.warn(format!(
                         "the material '{name}' is in no library; it is grey"
                     ));
                 }
@@ -198,29 +192,21 @@ impl<'a> Materials<'a> {
 
     /// The pixels of a map's file, searched beside the library and beside the scene; if missing, a warning.
     fn pixels(&self, entry: &Entry, map: &Map) -> Result<Option<Pixels<'a>>> {
-        let Context {
-            path,
-            budget,
-            warnings,
-        } = self.context;
-        let beside = [entry.file.as_path(), *path];
+        let context = self.context;
+        let beside = [entry.file.as_path(), context.path];
         let found = beside
             .into_iter()
-            .find_map(|file| files::beside(file, &map.name));
+            .find_map(|file| context.find(file, &map.name));
         let Some(found) = found else {
-            warnings.add(format!(
-                "the texture '{}' is missing; white takes its place",
-                map.name
+            let name = &map.name;
+            context.warn(format!(
+                "the texture '{name}' is missing; white takes its place"
             ));
             return Ok(None);
         };
-        match files::read(&found, budget) {
-            Ok((bytes, _held)) => texture::decode(&bytes, &map.name, budget, warnings),
-            Err(error @ Error::TooLarge { .. }) => Err(error),
-            Err(error) => {
-                warnings.add(format!("{error}; white takes its place"));
-                Ok(None)
-            }
+        match context.optional(context.read(&found))? {
+            Some((bytes, _held)) => context.pixels(&bytes, &map.name),
+            None => Ok(None),
         }
     }
 }

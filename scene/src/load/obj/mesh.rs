@@ -5,14 +5,13 @@ use std::sync::Arc;
 use glam::{Affine3A, Vec2, Vec3};
 
 use super::{
-    Context,
     geometry::{Corner, Face, Geometry, NONE},
     material::Materials,
     polygon::triangulate,
 };
 use crate::{
     Dropped, Instance, Mesh, Result, Scene, clean,
-    load::{budget::bytes_of, pool::Pool},
+    load::{budget::bytes_of, context::Context, pool::Pool},
     unit_normal,
 };
 
@@ -102,7 +101,7 @@ fn complete(context: &Context<'_>, geometry: &Geometry<'_>, corners: &mut [Corne
         let found = (index as usize) < count;
         if !found && index != NONE {
             let line = "some faces refer to normals or texture coordinates that are not there";
-            context.warnings.add(line);
+            context.warn(line);
         }
         found
     };

@@ -7,11 +7,8 @@ use std::{
 
 use glam::{Vec2, Vec3};
 
-use super::{
-    Context,
-    text::{decode, lines, number, statement, words},
-};
-use crate::{Error, Result, load::files};
+use super::text::{decode, lines, number, statement, words};
+use crate::{Result, load::context::Context};
 
 /// All materials of a scene's libraries, as they are written.
 #[derive(Default)]
@@ -63,17 +60,13 @@ impl Library {
     /// Reads the libraries of all `mtllib` lines. One that is missing or unreadable is a warning.
     pub(super) fn load(context: &Context<'_>, lines: &[String]) -> Result<Self> {
         let mut library = Self::default();
-        for name in lines.iter().flat_map(|line| file_names(context.path, line)) {
-            let Some(path) = files::beside(context.path, &name) else {
-                context
-                    .warnings
-                    .add(format!("the material library '{name}' is missing"));
+        for name in lines.iter().flat_map(|line| file_names(context, line)) {
+            let Some(path) = context.find(context.path, &name) else {
+                context.warn(format!("the material library '{name}' is missing"));
                 continue;
             };
-            match files::read(&path, context.budget) {
-                Ok((bytes, _held)) => library.read(context, &path, &bytes)?,
-                Err(error @ Error::TooLarge { .. }) => return Err(error),
-                Err(error) => context.warnings.add(error.to_string()),
+            if let Some((bytes, _held)) = context.optional(context.read(&path))? {
+                library.read(context, &path, &bytes)?;
             }
         }
         Ok(library)
@@ -131,12 +124,10 @@ impl Entry {
             "d" if scalar().is_some_and(|opacity| opacity < 1.0) => translucent(context),
             "Tr" if scalar().is_some_and(|transparency| transparency > 0.0) => translucent(context),
             "bump" | "map_bump" | "map_Bump" | "norm" | "map_Kn" => {
-                context.warnings.add("bump and normal maps are ignored");
+                context.warn("bump and normal maps are ignored");
             }
             "map_Pr" | "map_Pm" | "map_Ns" => {
-                context
-                    .warnings
-                    .add("maps of shininess, roughness and metalness are ignored");
+                context.warn("maps of shininess, roughness and metalness are ignored");
             }
             _ => {}
         }
@@ -144,9 +135,7 @@ impl Entry {
 }
 
 fn translucent(context: &Context<'_>) {
-    context
-        .warnings
-        .add("translucent materials are taken as opaque (d, Tr)");
+    context.warn("translucent materials are taken as opaque (d, Tr)");
 }
 
 /// `r g b`, or one number for all three; `None` for spectra and CIE XYZ.
@@ -226,12 +215,12 @@ fn unquoted(name: &str) -> &str {
 
 /// The files that a `mtllib` line names: the whole of it if there is such a file, else its words; `\ ` is a space in
 /// a name.
-fn file_names(scene: &Path, line: &str) -> Vec<String> {
+fn file_names(context: &Context<'_>, line: &str) -> Vec<String> {
     let whole = unquoted(line);
     if whole.is_empty() {
         return Vec::new();
     }
-    if files::beside(scene, whole).is_some() {
+    if context.find(context.path, whole).is_some() {
         return vec![whole.to_owned()];
     }
     // No file name holds a line break.
@@ -246,6 +235,7 @@ fn file_names(scene: &Path, line: &str) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::load::budget::Budget;
 
     fn parsed(rest: &str) -> (String, [f32; 4], bool) {
         let map = map(rest).unwrap();
@@ -275,7 +265,9 @@ mod tests {
 
     #[test]
     fn library_names() {
-        let names = |line| file_names(Path::new("none/a.obj"), line);
+        let budget = Budget::new(Path::new(""), 0);
+        let context = Context::new(Path::new("none/a.obj"), &budget);
+        let names = |line| file_names(&context, line);
         assert_eq!(names("a.mtl  b\\ c.mtl"), ["a.mtl", "b c.mtl"]);
         assert_eq!(names("\"b.mtl\""), ["b.mtl"]);
         assert_eq!(names(""), [""; 0]);
