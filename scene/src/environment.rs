@@ -87,6 +87,11 @@ impl EnvironmentMap {
         [self.width, self.height]
     }
 
+    /// Linear RGB radiances, row by row from the top.
+    pub fn texels(&self) -> &[Vec3] {
+        &self.texels
+    }
+
     /// Whether no light comes from it.
     pub fn is_black(&self) -> bool {
         self.row_cdf.last().is_none_or(|&sum| sum == 0.0)

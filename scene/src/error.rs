@@ -95,6 +95,51 @@ pub enum Error {
         /// What it offers.
         answered: crate::Answers,
     },
+    /// No GPU adapter is what was asked for.
+    #[cfg(feature = "gpu")]
+    #[error("no {wanted}: {found}")]
+    NoAdapter {
+        /// What was asked for.
+        wanted: String,
+        /// What there is instead, and what to do.
+        found: String,
+    },
+    /// A device, its driver or the validation in front of it refused or failed.
+    #[cfg(feature = "gpu")]
+    #[error("GPU, {what}: {reason}")]
+    Gpu {
+        /// What was being done.
+        what: String,
+        /// What the device or the validation said.
+        reason: String,
+    },
+    /// Something is larger than what the adapter can hold or bind in one piece.
+    #[cfg(feature = "gpu")]
+    #[error(
+        "GPU, {what}: {needs} bytes are needed in one piece, but {adapter} takes at most {limit}; \
+         use a smaller scene, another adapter, or the CPU"
+    )]
+    GpuLimit {
+        /// What would be created.
+        what: String,
+        /// How large it would be, bytes.
+        needs: u64,
+        /// What the adapter takes, bytes.
+        limit: u64,
+        /// The adapter's name.
+        adapter: String,
+    },
+    /// A shader does not link, or is not valid.
+    #[cfg(feature = "gpu")]
+    #[error("{file}:{line}: {message}")]
+    Shader {
+        /// The WESL file, from the root of its crate.
+        file: String,
+        /// The line in it, from 1; 0 when it is not known.
+        line: u32,
+        /// What is wrong.
+        message: String,
+    },
 }
 
 impl Error {
@@ -109,6 +154,14 @@ impl Error {
         Self::Malformed {
             path: path.to_owned(),
             reason: reason.into(),
+        }
+    }
+
+    #[cfg(feature = "gpu")]
+    pub(crate) fn gpu(what: impl Into<String>, reason: impl ToString) -> Self {
+        Self::Gpu {
+            what: what.into(),
+            reason: reason.to_string(),
         }
     }
 }

@@ -15,6 +15,8 @@ mod camera;
 mod clean;
 mod environment;
 mod error;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod image;
 mod light;
 mod load;

@@ -78,6 +78,11 @@ impl InstanceMask {
         self.0 & other.0 == other.0
     }
 
+    /// The set as bits: 1 static, 2 caster, 4 receiver.
+    pub const fn bits(self) -> u8 {
+        self.0
+    }
+
     /// The roles of both.
     #[must_use]
     pub const fn union(self, other: Self) -> Self {

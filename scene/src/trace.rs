@@ -8,8 +8,8 @@
 //! Tracers are made by [`BuildTracer`]: which instances take part is said by a [`Selection`], and
 //! [`BuildTracer::update`] moves them.
 
-mod brute_force;
-mod bvh;
+pub(crate) mod brute_force;
+pub(crate) mod bvh;
 mod triangle;
 
 use std::sync::Arc;

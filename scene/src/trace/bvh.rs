@@ -8,13 +8,13 @@
 //! Answers are exactly those of [`BruteForceTracer`](crate::BruteForceTracer), bit by bit, where the scene is
 //! flattened into one tree.
 
-mod binary;
+pub(crate) mod binary;
 mod blocks;
 mod kernel;
 mod slabs;
 mod traverse;
 mod triangles;
-mod wide;
+pub(crate) mod wide;
 
 use std::sync::Arc;
 
@@ -66,7 +66,7 @@ fn flat_tree(
     Ok(TriangleTree::new(&triangles))
 }
 
-fn is_masked(scene: &Scene, surface: SurfaceId) -> bool {
+pub(crate) fn is_masked(scene: &Scene, surface: SurfaceId) -> bool {
     let mesh = scene.mesh(&scene.instances[surface.instance as usize]);
     let material = mesh.triangle_materials[surface.primitive as usize];
     matches!(scene.materials[material as usize].alpha, Alpha::Mask { .. })

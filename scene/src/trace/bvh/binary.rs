@@ -40,6 +40,16 @@ impl BinaryTree {
         if topology.depth() > MAX_DEPTH {
             topology = balanced_topology(boxes);
         }
+        Self::with_bounds(&topology, boxes)
+    }
+
+    /// A tree whose depth is the logarithm of the number of boxes, rounded up; slower to trace.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn balanced(boxes: &[Aabb]) -> Self {
+        Self::with_bounds(&balanced_topology(boxes), boxes)
+    }
+
+    fn with_bounds(topology: &Topology, boxes: &[Aabb]) -> Self {
         let bounds = vec![Aabb::EMPTY; topology.0.len()];
         let mut nodes: Vec<BinaryNode> = topology
             .0

@@ -1,0 +1,121 @@
+//! How long passes take on the device.
+
+use std::time::Duration;
+
+use super::Context;
+use crate::Result;
+
+/// What one pass took.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PassTime {
+    /// The name given to the pass.
+    pub name: String,
+    /// From its first to its last command on the device.
+    pub time: Duration,
+}
+
+/// Measures passes by timestamps. On devices without timestamp queries it measures nothing, at no cost.
+///
+/// Give [`compute`](Self::compute) or [`render`](Self::render) to each pass, [`resolve`](Self::resolve) after the
+/// last one, and [`read`](Self::read) once the commands have been submitted.
+#[derive(Debug)]
+pub struct Timer {
+    queries: Option<Queries>,
+    names: Vec<String>,
+}
+
+#[derive(Debug)]
+struct Queries {
+    set: wgpu::QuerySet,
+    resolved: wgpu::Buffer,
+    passes: u32,
+}
+
+impl Timer {
+    /// A timer for up to `passes` passes (2048 at most; further ones are not measured).
+    pub fn new(context: &Context, passes: u32) -> Self {
+        let device = context.device();
+        let passes = passes.min(wgpu::QUERY_SET_MAX_QUERIES / 2);
+        let supported = device.features().contains(wgpu::Features::TIMESTAMP_QUERY) && passes > 0;
+        let queries = supported.then(|| Queries {
+            set: device.create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some("timer"),
+                ty: wgpu::QueryType::Timestamp,
+                count: 2 * passes,
+            }),
+            resolved: device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("timer"),
+                size: 16 * u64::from(passes),
+                usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
+            }),
+            passes,
+        });
+        Self {
+            queries,
+            names: Vec::new(),
+        }
+    }
+
+    /// What a compute pass is to be begun with.
+    pub fn compute(&mut self, name: &str) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
+        let (query_set, first) = self.begin(name)?;
+        Some(wgpu::ComputePassTimestampWrites {
+            query_set,
+            beginning_of_pass_write_index: Some(first),
+            end_of_pass_write_index: Some(first + 1),
+        })
+    }
+
+    /// What a render pass is to be begun with.
+    pub fn render(&mut self, name: &str) -> Option<wgpu::RenderPassTimestampWrites<'_>> {
+        let (query_set, first) = self.begin(name)?;
+        Some(wgpu::RenderPassTimestampWrites {
+            query_set,
+            beginning_of_pass_write_index: Some(first),
+            end_of_pass_write_index: Some(first + 1),
+        })
+    }
+
+    fn begin(&mut self, name: &str) -> Option<(&wgpu::QuerySet, u32)> {
+        let queries = self.queries.as_ref()?;
+        let index = self.names.len() as u32;
+        if index >= queries.passes {
+            return None;
+        }
+        self.names.push(name.into());
+        Some((&queries.set, 2 * index))
+    }
+
+    /// Collects the timestamps, after the last measured pass.
+    pub fn resolve(&self, encoder: &mut wgpu::CommandEncoder) {
+        if let Some(queries) = &self.queries
+            && !self.names.is_empty()
+        {
+            let count = 2 * self.names.len() as u32;
+            encoder.resolve_query_set(&queries.set, 0..count, &queries.resolved, 0);
+        }
+    }
+
+    /// The times of all passes since the last call, in order; empty where the device has no timestamps.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`](crate::Error::Gpu) when the device failed.
+    pub fn read(&mut self, context: &Context) -> Result<Vec<PassTime>> {
+        let names = std::mem::take(&mut self.names);
+        let Some(queries) = &self.queries else {
+            return Ok(Vec::new());
+        };
+        let stamps: Vec<u64> = context.read("timestamps", &queries.resolved, 2 * names.len())?;
+        let nanoseconds = f64::from(context.queue().get_timestamp_period());
+        Ok(names
+            .into_iter()
+            .zip(stamps.chunks_exact(2))
+            .map(|(name, stamps)| {
+                let ticks = stamps[1].saturating_sub(stamps[0]);
+                let time = Duration::from_nanos((ticks as f64 * nanoseconds) as u64);
+                PassTime { name, time }
+            })
+            .collect())
+    }
+}

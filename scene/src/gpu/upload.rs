@@ -1,0 +1,292 @@
+//! A scene's data in GPU memory: everything a shader needs to know about a hit.
+//!
+//! 1. `vertices`: positions, normals, texture coordinates and colours, 32 bytes a vertex; triangles, 16 bytes each.
+//! 2. `tables`: instances, materials, textures and lights, and where they begin.
+//! 3. `atlas`: all mip levels of all textures as rectangles in the layers of one array texture.
+//!
+//! All of it is measured against the device's limits before anything is created. In shaders the modules
+//! `scene::scene_data`, `scene::texture` and `scene::surface` read it.
+
+mod atlas;
+mod tables;
+mod vertices;
+
+use self::{
+    atlas::Atlas,
+    tables::{Tables, moving_records},
+    vertices::{Geometry, MeshPlace},
+};
+use super::Context;
+use crate::{Environment, Error, Result, Scene};
+
+/// A scene's data in GPU memory, bound as group 2.
+#[derive(Debug)]
+pub struct GpuScene {
+    layout: wgpu::BindGroupLayout,
+    bind_group: wgpu::BindGroup,
+    places: Vec<MeshPlace>,
+    /// Of every instance, to see that an update is of the same scene.
+    meshes: Vec<u32>,
+    light_count: usize,
+    tables: wgpu::Buffer,
+    bytes: u64,
+}
+
+impl GpuScene {
+    /// Uploads a scene.
+    ///
+    /// # Errors
+    /// [`Error::GpuLimit`] when a part is larger than what the device binds in one piece, [`Error::Gpu`] when memory is
+    /// out or the device fails.
+    pub fn new(context: &Context, scene: &Scene) -> Result<Self> {
+        let [vertex_bytes, triangle_bytes] = Geometry::bytes(scene);
+        context.check_storage_size("the scene's vertices", vertex_bytes)?;
+        context.check_storage_size("the scene's triangles", triangle_bytes)?;
+        let limits = context.device().limits();
+        let atlas = Atlas::pack(&scene.textures, &limits, || {
+            context.device().adapter_info().name
+        })?;
+        let environment = environment(context, &scene.environment, &limits)?;
+        let geometry = Geometry::new(scene);
+        let tables = Tables::new(scene, &geometry.places, &atlas);
+        context.check_storage_size("the scene's tables", size_of_val(&tables.words[..]) as u64)?;
+
+        let buffers = [
+            context.buffer(
+                "scene vertices",
+                &geometry.vertices,
+                wgpu::BufferUsages::STORAGE,
+            )?,
+            context.buffer(
+                "scene triangles",
+                &geometry.triangles,
+                wgpu::BufferUsages::STORAGE,
+            )?,
+            context.buffer("scene tables", &tables.words, wgpu::BufferUsages::STORAGE)?,
+        ];
+        let info = context.buffer(
+            "scene info",
+            &[tables.info(scene)],
+            wgpu::BufferUsages::UNIFORM,
+        )?;
+        let bytes = buffers.iter().map(wgpu::Buffer::size).sum::<u64>() + atlas.bytes();
+        let [vertices, triangles, tables] = buffers;
+        let (layout, bind_group) = context.check("uploading the scene's textures", |device| {
+            let pages = atlas.upload(context, &scene.textures);
+            let pages = [
+                wgpu::TextureFormat::Rgba8UnormSrgb,
+                wgpu::TextureFormat::Rgba8Unorm,
+            ]
+            .map(|format| pages.create_view(&page_view(format)));
+            let environment = environment.upload(context);
+            let layout = Self::layout(device);
+            let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("scene"),
+                layout: &layout,
+                entries: &entries([
+                    info.as_entire_binding(),
+                    vertices.as_entire_binding(),
+                    triangles.as_entire_binding(),
+                    tables.as_entire_binding(),
+                    wgpu::BindingResource::TextureView(&pages[0]),
+                    wgpu::BindingResource::TextureView(&pages[1]),
+                    wgpu::BindingResource::TextureView(&environment),
+                ]),
+            });
+            (layout, bind_group)
+        })?;
+        Ok(Self {
+            layout,
+            bind_group,
+            places: geometry.places,
+            meshes: scene
+                .instances
+                .iter()
+                .map(|instance| instance.mesh)
+                .collect(),
+            light_count: scene.lights.len(),
+            tables,
+            bytes,
+        })
+    }
+
+    /// Moves instances and lights to where they are in `scene`, which must otherwise be the scene that was uploaded.
+    /// Commands that are submitted later see it.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] when instances or lights are others.
+    pub fn update(&mut self, context: &Context, scene: &Scene) -> Result<()> {
+        let same = scene.instances.len() == self.meshes.len()
+            && scene.lights.len() == self.light_count
+            && scene
+                .instances
+                .iter()
+                .zip(&self.meshes)
+                .all(|(instance, mesh)| instance.mesh == *mesh);
+        if !same {
+            return Err(Error::Parameter {
+                name: "the moved scene",
+                value: format!(
+                    "{} instances, {} lights",
+                    scene.instances.len(),
+                    scene.lights.len()
+                ),
+                expected: "it must have the instances and lights of the scene that was uploaded",
+            });
+        }
+        let records = moving_records(scene, &self.places);
+        context.check("moving the scene", |_| {
+            context
+                .queue()
+                .write_buffer(&self.tables, 0, bytemuck::cast_slice(&records));
+        })
+    }
+
+    /// What the shader modules `scene::…` bind.
+    pub fn bind_group(&self) -> &wgpu::BindGroup {
+        &self.bind_group
+    }
+
+    /// The layout of [`bind_group`](Self::bind_group).
+    pub fn bind_group_layout(&self) -> &wgpu::BindGroupLayout {
+        &self.layout
+    }
+
+    /// Bytes of GPU memory taken.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// The layout of every scene's bind group; visible to all stages.
+    pub fn layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+        let storage = wgpu::BindingType::Buffer {
+            ty: wgpu::BufferBindingType::Storage { read_only: true },
+            has_dynamic_offset: false,
+            min_binding_size: None,
+        };
+        let uniform = wgpu::BindingType::Buffer {
+            ty: wgpu::BufferBindingType::Uniform,
+            has_dynamic_offset: false,
+            min_binding_size: None,
+        };
+        let texture = |view_dimension| wgpu::BindingType::Texture {
+            sample_type: wgpu::TextureSampleType::Float { filterable: false },
+            view_dimension,
+            multisampled: false,
+        };
+        let pages = texture(wgpu::TextureViewDimension::D2Array);
+        let environment = texture(wgpu::TextureViewDimension::D2);
+        let types = [
+            uniform,
+            storage,
+            storage,
+            storage,
+            pages,
+            pages,
+            environment,
+        ];
+        let entries: Vec<_> = types
+            .into_iter()
+            .zip(0..)
+            .map(|(ty, binding)| wgpu::BindGroupLayoutEntry {
+                binding,
+                visibility: wgpu::ShaderStages::all(),
+                ty,
+                count: None,
+            })
+            .collect();
+        device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("scene"),
+            entries: &entries,
+        })
+    }
+}
+
+/// Resources bound in order from 0.
+pub(super) fn entries<const N: usize>(
+    resources: [wgpu::BindingResource<'_>; N],
+) -> [wgpu::BindGroupEntry<'_>; N] {
+    let mut binding = 0;
+    resources.map(|resource| {
+        binding += 1;
+        wgpu::BindGroupEntry {
+            binding: binding - 1,
+            resource,
+        }
+    })
+}
+
+fn page_view(format: wgpu::TextureFormat) -> wgpu::TextureViewDescriptor<'static> {
+    wgpu::TextureViewDescriptor {
+        label: Some("scene textures"),
+        format: Some(format),
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..Default::default()
+    }
+}
+
+/// The environment as a texture: one texel where it is the same all around.
+struct EnvironmentTexels {
+    size: [u32; 2],
+    texels: Vec<[f32; 4]>,
+}
+
+fn environment(
+    context: &Context,
+    environment: &Environment,
+    limits: &wgpu::Limits,
+) -> Result<EnvironmentTexels> {
+    let (size, texels) = match environment {
+        Environment::Black => ([1, 1], vec![[0.0; 4]]),
+        Environment::Constant(radiance) => ([1, 1], vec![radiance.extend(0.0).to_array()]),
+        Environment::Map(map) => {
+            let texels = map
+                .texels()
+                .iter()
+                .map(|texel| texel.extend(0.0).to_array());
+            (map.size(), texels.collect())
+        }
+    };
+    let [width, height] = size;
+    let side = limits.max_texture_dimension_2d;
+    if width.max(height) > side {
+        return Err(Error::GpuLimit {
+            what: format!("the environment of {width} × {height} texels"),
+            needs: 16 * u64::from(width) * u64::from(height),
+            limit: 16 * u64::from(side) * u64::from(side),
+            adapter: context.device().adapter_info().name,
+        });
+    }
+    Ok(EnvironmentTexels { size, texels })
+}
+
+impl EnvironmentTexels {
+    fn upload(&self, context: &Context) -> wgpu::TextureView {
+        let [width, height] = self.size;
+        let size = wgpu::Extent3d {
+            width,
+            height,
+            depth_or_array_layers: 1,
+        };
+        let texture = context.device().create_texture(&wgpu::TextureDescriptor {
+            label: Some("environment"),
+            size,
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rgba32Float,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        let layout = wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(16 * width),
+            rows_per_image: Some(height),
+        };
+        let bytes = bytemuck::cast_slice(&self.texels);
+        context
+            .queue()
+            .write_texture(texture.as_image_copy(), bytes, layout, size);
+        texture.create_view(&wgpu::TextureViewDescriptor::default())
+    }
+}
