@@ -42,7 +42,7 @@ const SCENES: [Scene; 5] = [
         title: "Cornell box",
         what: "The box that was built and measured at Cornell: light from one lamp, colour from the walls.",
         d_max: "0.25",
-        exposure: "0",
+        exposure: "-0.5",
     },
     Scene {
         name: "builtin:corner",
@@ -81,6 +81,8 @@ struct Quantity {
     what: &'static str,
     /// Whether `--d-max` applies, and the error is counted in grey levels.
     is_occlusion: bool,
+    /// Samples of the converged reference at full quality: as many as the time allows.
+    samples: u32,
 }
 
 const QUANTITIES: [Quantity; 4] = [
@@ -89,24 +91,28 @@ const QUANTITIES: [Quantity; 4] = [
         title: "Ambient occlusion",
         what: "how much of the hemisphere is open",
         is_occlusion: true,
+        samples: 64,
     },
     Quantity {
         name: "direct",
         title: "Direct light",
         what: "straight from the lights",
         is_occlusion: false,
+        samples: 64,
     },
     Quantity {
         name: "indirect",
         title: "Indirect light",
         what: "after one diffuse bounce",
         is_occlusion: false,
+        samples: 128,
     },
     Quantity {
         name: "path",
         title: "All light",
         what: "up to eight bounces",
         is_occlusion: false,
+        samples: 64,
     },
 ];
 
@@ -138,16 +144,17 @@ const TECHNIQUES: [Technique; 1] = [Technique {
 /// How large and how good the pictures are.
 struct Quality {
     size: (u32, u32),
-    converged_spp: u32,
+    /// The reference's samples are divided by this.
+    fewer_samples: u32,
 }
 
 const FULL: Quality = Quality {
-    size: (480, 360),
-    converged_spp: 128,
+    size: (320, 240),
+    fewer_samples: 1,
 };
 const QUICK: Quality = Quality {
-    size: (240, 180),
-    converged_spp: 32,
+    size: (160, 120),
+    fewer_samples: 4,
 };
 
 /// Renders everything and writes the page.
@@ -208,7 +215,7 @@ impl Demo {
     }
 
     fn card(&mut self, scene: &Scene, quantity: &Quantity) -> Result<page::Card> {
-        let spp = self.quality.converged_spp.to_string();
+        let spp = (quantity.samples / self.quality.fewer_samples).to_string();
         let reference = self.render(scene, quantity, &CONVERGED, &["--spp", &spp])?;
         let mut others = Vec::new();
         for technique in &TECHNIQUES {
