@@ -49,8 +49,8 @@ fn psnr(test: &[Vec3], reference: &[Vec3]) -> f64 {
 
 /// Mean structural similarity over channels and pixels: Wang, Bovik, Sheikh, Simoncelli: "Image Quality Assessment:
 /// From Error Visibility to Structural Similarity", IEEE TIP 13(4), 2004, Eq. (13) with the constants of §III-C
-/// (K1 = 0.01, K2 = 0.03, Gaussian window of 11×11, σ = 1.5). At the border the window is cut and its weights are
-/// normalised again.
+/// (K1 = 0.01, K2 = 0.03, Gaussian window of 11×11, σ = 1.5), over the pixels around which the window fits; in a
+/// picture too small for any, over all pixels with the window cut at the border.
 fn ssim(width: usize, test: &[Vec3], reference: &[Vec3]) -> f64 {
     const C1: f32 = 0.01 * 0.01;
     const C2: f32 = 0.03 * 0.03;
@@ -68,7 +68,10 @@ fn ssim(width: usize, test: &[Vec3], reference: &[Vec3]) -> f64 {
         blurred(&|_, b| b * b),
         blurred(&|a, b| a * b),
     );
-    let sum: f64 = (0..test.len())
+    let inside = |at: usize, length: usize| length < 11 || (5..length - 5).contains(&at);
+    let height = test.len() / width.max(1);
+    let similarities: Vec<f64> = (0..test.len())
+        .filter(|i| inside(i % width, width) && inside(i / width, height))
         .map(|i| {
             let (a, b) = (mean_a[i], mean_b[i]);
             let covariance = ab[i] - a * b;
@@ -77,8 +80,8 @@ fn ssim(width: usize, test: &[Vec3], reference: &[Vec3]) -> f64 {
                 / ((a * a + b * b + C1) * (variances + C2));
             f64::from(similarity.element_sum()) / 3.0
         })
-        .sum();
-    sum / test.len() as f64
+        .collect();
+    similarities.iter().sum::<f64>() / similarities.len() as f64
 }
 
 /// Weighs 11×11 pixels by a Gaussian of σ = 1.5; pixels outside the image do not count.

@@ -18,7 +18,7 @@ Examples:
   isophote info builtin:atrium
   isophote info hall.glb --json")]
 pub(crate) struct InfoArgs {
-    /// A .glb, .gltf or .obj file, or builtin:NAME (cornell, corner, atrium, office, hairball)
+    /// A .glb, .gltf or .obj file, or builtin:NAME as `isophote --help` lists them
     scene: String,
     /// Print it as JSON
     #[arg(long)]

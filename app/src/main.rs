@@ -23,7 +23,7 @@ use std::{
 
 use anyhow::{Context, Result, ensure};
 use clap::{ArgMatches, Command, CommandFactory, FromArgMatches, Parser, Subcommand};
-use isophote_scene::Image;
+use isophote_scene::{Image, builtin};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -32,16 +32,23 @@ Examples:
   isophote render hall.glb --quantity ao -o ao.exr        calculate ambient occlusion
   isophote compare ao.exr reference.exr                   how far off is it
 
-Built-in scenes: builtin:cornell, builtin:corner, builtin:atrium, builtin:office, builtin:hairball[:TRIANGLES].
 Lengths are metres, angles degrees, light is linear and radiometric. `isophote COMMAND --help` explains every flag. \
 RUST_LOG=debug shows what happens inside.";
 
 /// Global illumination by any technique over any visibility backend.
 #[derive(Parser, Debug)]
-#[command(name = "isophote", version, after_help = EXAMPLES, arg_required_else_help = true, args_override_self = true)]
+#[command(name = "isophote", version, after_help = after_help(), arg_required_else_help = true, args_override_self = true)]
 struct Cli {
     #[command(subcommand)]
     command: Commands,
+}
+
+fn after_help() -> String {
+    let scenes: Vec<String> = builtin::NAMES
+        .iter()
+        .map(|(name, what)| format!("  {}{name:<10}  {what}", builtin::PREFIX))
+        .collect();
+    format!("{EXAMPLES}\n\nBuilt-in scenes:\n{}", scenes.join("\n"))
 }
 
 #[derive(Subcommand, Debug)]
@@ -58,8 +65,7 @@ fn main() -> ExitCode {
         Ok(code) => code,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            let text = one_line(&format!("{error:#}"));
-            let _ = writeln!(io::stderr(), "error: {text}");
+            let _ = writeln!(io::stderr(), "error: {}", one_line(&whole(&error)));
             ExitCode::from(2)
         }
     }
@@ -141,10 +147,23 @@ fn refuse(error: &clap::Error) -> Result<ExitCode> {
             let told: Vec<&str> = told
                 .filter(|line| !line.starts_with("For more information"))
                 .collect();
-            let text = one_line(&told.join("\n"));
+            let text = one_line(&told.join("\n")).replace(" tip: ", "; ");
             anyhow::bail!("{}", text.strip_prefix("error: ").unwrap_or(&text))
         }
     }
+}
+
+/// An error with its causes; many an error's text ends with its cause's already.
+fn whole(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if text.is_empty() {
+            text = cause;
+        } else if !text.contains(&cause) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text
 }
 
 fn one_line(text: &str) -> String {

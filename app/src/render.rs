@@ -38,7 +38,7 @@ Examples:
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct RenderArgs {
-    /// A .glb, .gltf or .obj file, or builtin:NAME (cornell, corner, atrium, office, hairball)
+    /// A .glb, .gltf or .obj file, or builtin:NAME as `isophote --help` lists them
     #[arg(required_unless_present = "settings")]
     scene: Option<String>,
     /// How light is calculated
@@ -160,7 +160,7 @@ struct Seconds {
 /// Renders; `settings` are all of the command's settings by name, for the header.
 pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) -> Result<()> {
     let voice = Voice::new(args.quiet);
-    check_output(args)?;
+    check_settings(args)?;
     check_memory(args)?;
     let mut seconds = Seconds::default();
     let name = args.scene.as_deref().unwrap_or_default();
@@ -216,8 +216,8 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
     })
 }
 
-/// Hours of work must not end at a file that cannot be written.
-fn check_output(args: &RenderArgs) -> Result<()> {
+/// Hours of work must not end at a file that cannot be written, or at two settings that do not go together.
+fn check_settings(args: &RenderArgs) -> Result<()> {
     for path in &args.output {
         ensure!(
             has_suffix(path, &["exr", "png"]),
@@ -232,6 +232,10 @@ fn check_output(args: &RenderArgs) -> Result<()> {
         );
         check_writable(path)?;
     }
+    ensure!(
+        args.d_max.is_finite() || !args.quantity.contains(&Quantity::Obscurance),
+        "obscurance needs a finite --d-max, since it grows with the distance over that"
+    );
     for (index, quantity) in args.quantity.iter().enumerate() {
         ensure!(
             !args.quantity[..index].contains(quantity),

@@ -35,7 +35,7 @@ Examples:
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct TraceArgs {
-    /// A .glb, .gltf or .obj file, or builtin:NAME (cornell, corner, atrium, office, hairball)
+    /// A .glb, .gltf or .obj file, or builtin:NAME as `isophote --help` lists them
     scene: String,
     /// Who answers the rays
     #[arg(long, value_enum, default_value = "bvh")]

@@ -448,7 +448,7 @@ fn wrong_settings_are_refused() {
         (&["--normals=up"], "smooth"),
         (&["--d-max=0"], "above 0"),
         (&["--d-max=nan"], "above 0"),
-        (&["--quantity=obscurance"], "d_max"),
+        (&["--quantity=obscurance"], "--d-max"),
         (&["--min-d=-1"], "at least 0"),
         (&["--threads=0"], "1 to 1024"),
         (&["--seed=-1"], "--seed"),

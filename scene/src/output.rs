@@ -80,7 +80,9 @@ fn temporary_beside(path: &Path, target: &Path) -> Result<NamedTempFile> {
     }
     builder.tempfile_in(folder).map_err(|error| {
         let reason = match error.kind() {
-            ErrorKind::NotFound => format!("the folder {} does not exist", folder.display()),
+            ErrorKind::NotFound if !folder.exists() => {
+                format!("the folder {} does not exist", folder.display())
+            }
             _ => format!("cannot write in the folder {}: {error}", folder.display()),
         };
         Error::io(path, IoError::new(error.kind(), reason))

@@ -81,6 +81,7 @@ fn png_is_srgb_and_names_its_exposure() {
     ];
     image.push_layer("", "RGB", &values);
     image.attributes.insert("camera".into(), "日本".into());
+    image.attributes.insert("exposure".into(), "7".into());
     image.save_png(&path, 1.0).unwrap();
     let decoder = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(&path).unwrap()));
     let mut reader = decoder.read_info().unwrap();
@@ -89,6 +90,7 @@ fn png_is_srgb_and_names_its_exposure() {
     // 0.5 is 188 in sRGB and 0.2 is 124 (IEC 61966-2-1).
     assert_eq!(bytes, [188, 188, 188, 0, 255, 255, 0, 0, 0, 0, 255, 124]);
     let info = reader.info();
+    assert_eq!(info.uncompressed_latin1_text.len(), 1);
     let exposure = &info.uncompressed_latin1_text[0];
     assert_eq!(exposure.keyword, "exposure");
     assert!(exposure.text.starts_with("1 stops"), "{}", exposure.text);

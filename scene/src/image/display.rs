@@ -49,7 +49,11 @@ fn encode(
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
     encoder.add_text_chunk("exposure".into(), exposure)?;
-    for (name, value) in &image.attributes {
+    for (name, value) in image
+        .attributes
+        .iter()
+        .filter(|(name, _)| *name != "exposure")
+    {
         // tEXt is Latin-1 only and a keyword has at most 79 letters; iTXt takes any text.
         if value.is_ascii() {
             encoder.add_text_chunk(name.clone(), value.clone())?;
