@@ -6,8 +6,8 @@
 //!    entry module and what it imports, checks it, and says file and line where something is wrong.
 //! 3. [`GpuScene`] holds a scene's vertices, triangles, materials, textures, lights and instances in a few buffers,
 //!    sized against the adapter's limits before anything is created.
-//! 4. A [`GpuTracer`] answers rays in shaders: [`ComputeBvhTracer`] on any adapter. [`RayBatch`] asks one about rays
-//!    in bulk.
+//! 4. A [`GpuTracer`] answers rays in shaders: [`ComputeBvhTracer`] on any adapter, [`RayQueryTracer`] where the
+//!    device can trace rays itself, [`RayQueryBoxTracer`] roughly. [`RayBatch`] asks one about rays in bulk.
 //!
 //! # Bind groups
 //! | group | who owns it |
@@ -30,6 +30,11 @@ pub use self::{
     context::{Adapter, AdapterChoice, Context, adapters},
     shader::{Linker, SHADERS, Shader, ShaderPackage},
     timer::{PassTime, Timer},
-    tracer::{BuildGpuTracer, GpuTracer, batch::RayBatch, compute_bvh::ComputeBvhTracer},
+    tracer::{
+        BuildGpuTracer, GpuTracer,
+        batch::RayBatch,
+        compute_bvh::ComputeBvhTracer,
+        ray_query::{RayQueryBoxTracer, RayQueryTracer, check_ray_query},
+    },
     upload::GpuScene,
 };

@@ -10,7 +10,7 @@ use isophote_scene::{
     Error, Instance, Material, Mesh, Scene, Selection,
     gpu::{
         BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, GpuTracer, Linker, RayBatch,
-        ShaderPackage,
+        RayQueryBoxTracer, RayQueryTracer, ShaderPackage,
     },
 };
 
@@ -32,9 +32,11 @@ fn triangle() -> Arc<Scene> {
 
 fn tracers(context: &Context, scene: &Arc<Scene>) -> Vec<Box<dyn GpuTracer>> {
     let selection = Selection::default();
-    vec![Box::new(
-        ComputeBvhTracer::build(context, scene, &selection, &()).unwrap(),
-    )]
+    vec![
+        Box::new(ComputeBvhTracer::build(context, scene, &selection, &()).unwrap()),
+        Box::new(RayQueryTracer::build(context, scene, &selection, &()).unwrap()),
+        Box::new(RayQueryBoxTracer::build(context, scene, &selection, &()).unwrap()),
+    ]
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! A device and its queue, and the adapters there are.
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use wgpu::{Backends, DeviceType, Features, Limits};
 
@@ -118,6 +118,7 @@ pub struct Context {
     device: wgpu::Device,
     queue: wgpu::Queue,
     failure: Arc<Mutex<Option<String>>>,
+    ray_query_test: Arc<OnceLock<Result<(), String>>>,
 }
 
 impl Context {
@@ -176,6 +177,7 @@ impl Context {
             device,
             queue,
             failure,
+            ray_query_test: Arc::default(),
         }
     }
 
@@ -190,7 +192,10 @@ impl Context {
             experimental_features: experimental(),
             ..Default::default()
         });
-        Self::new(device, queue)
+        let context = Self::new(device, queue);
+        // What computes nothing would fail the test.
+        context.ray_query_test.get_or_init(|| Ok(()));
+        context
     }
 
     /// Any adapter, for tests: where there is none they say so on stderr and are skipped, unless the environment variable
@@ -211,6 +216,14 @@ impl Context {
             }
             Err(error) => panic!("{error}"),
         }
+    }
+
+    /// Runs a test of ray query once, and from then on returns its outcome.
+    pub(crate) fn ray_query_test(
+        &self,
+        run: impl FnOnce() -> Result<(), String>,
+    ) -> Result<(), String> {
+        self.ray_query_test.get_or_init(run).clone()
     }
 
     /// The device.

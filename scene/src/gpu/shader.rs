@@ -29,7 +29,9 @@ pub const SHADERS: ShaderPackage = shader_package!(
         "surface",
         "texture",
         "trace_batch",
-        "tracer/compute_bvh"
+        "tracer/compute_bvh",
+        "tracer/ray_query",
+        "tracer/ray_query_boxes"
     ]
 );
 

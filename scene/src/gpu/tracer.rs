@@ -6,6 +6,7 @@
 
 pub(crate) mod batch;
 pub(crate) mod compute_bvh;
+pub(crate) mod ray_query;
 
 use std::sync::Arc;
 

@@ -56,7 +56,7 @@ const FIRST_PIECE: u32 = 1 << 12;
 const LARGEST_PIECE: u32 = 1 << 21;
 
 impl RayBatch {
-    /// Prepares batches for a tracer. The tracer may be updated between batches, but not be another one.
+    /// Prepares batches for a tracer, and for every other scene's tracer of the same kind.
     ///
     /// # Errors
     /// [`Error::Shader`] or [`Error::Gpu`] when the tracer's module does not link or the device lacks what it needs.

@@ -61,15 +61,13 @@ impl Atlas {
         if side > largest {
             return Err(too_large(layer_bytes(side), layer_bytes(largest)));
         }
-        // Layers of 4096² waste little; beyond only where a texture is larger or there are too many layers.
+        // One layer that is just large enough; several where it would be larger than 4096².
         let mut size = (texels as f64).sqrt().ceil() as u32;
-        size = size
-            .next_power_of_two()
-            .clamp(side, 4096.max(side))
-            .min(largest);
+        size = size.clamp(side, 4096.max(side)).min(largest);
         loop {
             let layers = shelve(&mut places, &order, size);
-            if layers <= limits.max_texture_array_layers {
+            let one = layers <= 1 || size >= 4096;
+            if one && layers <= limits.max_texture_array_layers {
                 return Ok(Self {
                     places,
                     size,
@@ -80,7 +78,8 @@ impl Atlas {
                 let limit = layer_bytes(largest) * u64::from(limits.max_texture_array_layers);
                 return Err(too_large(4 * texels, limit));
             }
-            size = (2 * size).min(largest);
+            let step = if size < 4096 { 256 } else { size };
+            size = (size + step).min(largest);
         }
     }
 
@@ -203,7 +202,7 @@ mod tests {
             .iter()
             .map(|p| u64::from(p.width * p.height))
             .sum();
-        assert!(atlas.bytes() <= 8 * used, "{} {used}", atlas.bytes());
+        assert!(atlas.bytes() <= 6 * used, "{} {used}", atlas.bytes());
     }
 
     #[test]
