@@ -51,6 +51,7 @@ struct Report {
 #[derive(Serialize)]
 struct Picture {
     name: String,
+    is_occlusion: bool,
     within: bool,
     /// In percent for light, in grey levels for occlusion.
     error_beyond_noise: f64,
@@ -69,10 +70,11 @@ struct Name<'a> {
 
 impl<'a> Name<'a> {
     fn of(stem: &'a str) -> Option<Self> {
-        let (scene, quantity) = stem.rsplit_once('.')?;
-        let (scene, materials) = scene
-            .strip_suffix(".pbr")
-            .map_or((scene, "lambert"), |scene| (scene, "pbr"));
+        // The distance has a point of its own, so the first one ends the scene's name.
+        let (scene, rest) = stem.split_once('.')?;
+        let (materials, quantity) = rest
+            .strip_prefix("pbr.")
+            .map_or(("lambert", rest), |rest| ("pbr", rest));
         let (quantity, d_max) = match quantity.split_once('_') {
             Some((quantity, d_max)) => (quantity, Some(d_max.strip_suffix('m')?)),
             None => (quantity, None),
@@ -125,7 +127,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     let mut pictures = Vec::new();
     for stem in names {
         let picture = compare(&isophote, arguments, &folder, stem)?;
-        let (unit, scale) = if picture.name.contains("ao") || picture.name.contains("obscurance") {
+        let (unit, scale) = if picture.is_occlusion {
             ("", 1.0)
         } else {
             ("%", 100.0)
@@ -237,6 +239,7 @@ fn compare(
     };
     let within = error <= limits.0 && bias.abs() <= limits.1;
     Ok(Picture {
+        is_occlusion: name.is_occlusion(),
         within,
         error_beyond_noise: error,
         bias,
