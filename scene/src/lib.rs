@@ -28,6 +28,8 @@ pub mod reference;
 pub mod sample;
 mod scene;
 mod surface;
+#[cfg(feature = "testing")]
+pub mod testing;
 mod texture;
 mod trace;
 
