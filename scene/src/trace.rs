@@ -62,12 +62,13 @@ impl Ray {
         self.origin + t * self.direction
     }
 
-    /// Whether it can hit anything: finite, with a direction and a range. Any other ray misses.
+    /// Whether it can hit anything: finite, with a direction and a range from 0 on. Any other ray misses.
     #[inline]
     pub fn is_valid(&self) -> bool {
         self.origin.is_finite()
             && self.direction.is_finite()
             && self.direction != Vec3::ZERO
+            && 0.0 <= self.t_min
             && self.t_min < self.t_max
     }
 }

@@ -11,6 +11,7 @@ pub(crate) use avx2::Avx2;
 use super::{
     blocks::{Block, LANES},
     slabs::Slabs,
+    traverse::Entry,
     wide::{Node, WIDTH},
 };
 use crate::trace::triangle::Shear;
@@ -26,8 +27,8 @@ pub(crate) trait Kernel: Copy {
 
     fn triangles(self, shear: &Shear) -> Self::Triangles;
 
-    /// The children whose boxes the ray meets before `limit`, one bit each, and where it enters them.
-    fn enter(self, ray: &Self::Boxes, node: &Node, limit: f32) -> (u32, [f32; WIDTH]);
+    /// The children whose boxes the ray meets before `limit`, one bit each, and where it enters all of them.
+    fn enter(self, ray: &Self::Boxes, node: &Node, limit: f32) -> (u32, [Entry; WIDTH]);
 
     /// The triangles that 32 bits do not reject, one bit each.
     fn candidates(self, ray: &Self::Triangles, block: &Block) -> u32;
@@ -52,7 +53,7 @@ impl Kernel for Portable {
     }
 
     #[inline(always)]
-    fn enter(self, ray: &Slabs, node: &Node, limit: f32) -> (u32, [f32; WIDTH]) {
+    fn enter(self, ray: &Slabs, node: &Node, limit: f32) -> (u32, [Entry; WIDTH]) {
         let (mut enter, mut leave) = ([ray.start; WIDTH], [limit; WIDTH]);
         for axis in 0..3 {
             let down = usize::from(ray.down[axis]);
@@ -67,7 +68,8 @@ impl Kernel for Portable {
         for child in 0..WIDTH {
             met |= u32::from(enter[child] <= leave[child]) << child;
         }
-        (met, enter)
+        let entries = std::array::from_fn(|child| Entry::new(node.children[child], enter[child]));
+        (met, entries)
     }
 
     #[inline(always)]

@@ -34,7 +34,7 @@ pub(crate) struct Slabs {
     pub(crate) far: Vec3,
     /// On which axes the ray goes down, so that the upper face of a box is the near one.
     pub(crate) down: [bool; 3],
-    /// Where the ray starts.
+    /// Where the ray starts, at least 0.
     pub(crate) start: f32,
     scale: f32,
 }
@@ -59,7 +59,7 @@ impl Slabs {
             near: (ray.origin + pad) * inverse,
             far: (ray.origin - pad) * inverse,
             down: d.to_array().map(f32::is_sign_negative),
-            start: start - slack(start),
+            start: (start - slack(start)).max(0.0),
             scale,
         }
     }

@@ -39,6 +39,16 @@ impl Child {
     }
 
     #[inline]
+    pub(crate) fn bits(self) -> u32 {
+        self.0
+    }
+
+    #[inline]
+    pub(crate) fn from_bits(bits: u32) -> Self {
+        Self(bits)
+    }
+
+    #[inline]
     pub(crate) fn is_leaf(self) -> bool {
         self.0 & Self::LEAF != 0
     }
@@ -71,7 +81,8 @@ impl WideTree {
         costs: &Costs,
         make_leaf: &mut dyn FnMut(&[u32]) -> usize,
     ) -> Self {
-        let plans = plan(tree, costs);
+        let scale = scale(tree);
+        let plans = plan(tree, costs, scale);
         let mut nodes = vec![empty_node()];
         let mut pending = vec![(0_u32, 0_usize)];
         let (mut roots, mut items) = (Vec::new(), Vec::new());
@@ -83,6 +94,13 @@ impl WideTree {
             } else {
                 distribute(tree, &plans, binary, WIDTH, &mut roots);
             }
+            // Any-hit walks visit the children in this order: those that a hit is most likely found in for the work they
+            // are, whose area is large for their number of items.
+            let promise = |&root: &u32| {
+                let node = &tree.nodes[root as usize];
+                half_area(&node.bounds, scale) / node.items as f32
+            };
+            roots.sort_by(|a, b| promise(b).total_cmp(&promise(a)));
             for (slot, &root) in roots.iter().enumerate() {
                 let child = if plans[root as usize].is_leaf {
                     items.clear();
@@ -134,10 +152,13 @@ struct Plan {
     left: [u8; WIDTH - 1],
 }
 
-fn plan(tree: &BinaryTree, costs: &Costs) -> Vec<Plan> {
+/// Makes areas relative to the whole, so that they neither overflow nor underflow.
+fn scale(tree: &BinaryTree) -> f32 {
     let all = &tree.nodes[0].bounds;
-    // Relative to the whole, so that areas neither overflow nor underflow.
-    let scale = 1.0 / (all.max - all.min).max_element().max(f32::MIN_POSITIVE);
+    1.0 / (all.max - all.min).max_element().max(f32::MIN_POSITIVE)
+}
+
+fn plan(tree: &BinaryTree, costs: &Costs, scale: f32) -> Vec<Plan> {
     let mut plans = vec![
         Plan {
             is_leaf: true,

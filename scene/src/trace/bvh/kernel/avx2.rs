@@ -1,14 +1,17 @@
 //! AVX2 with fused multiply-add.
 #![expect(unsafe_code, reason = "SIMD intrinsics")]
 
-use std::arch::x86_64::*;
+use std::{arch::x86_64::*, mem::MaybeUninit};
+
+use glam::Vec3;
 
 use super::Kernel;
 use crate::trace::{
     bvh::{
         blocks::{Block, LANES},
         slabs::Slabs,
-        wide::{Node, WIDTH},
+        traverse::Entry,
+        wide::{Child, Node, WIDTH},
     },
     triangle::Shear,
 };
@@ -52,90 +55,140 @@ impl Kernel for Avx2 {
     #[inline(always)]
     fn boxes(self, slabs: &Slabs) -> Boxes {
         // SAFETY: `self` proves that the instructions exist.
-        let splat = |v: f32| unsafe { _mm256_set1_ps(v) };
-        Boxes {
-            inverse: slabs.inverse.to_array().map(splat),
-            near: slabs.near.to_array().map(splat),
-            far: slabs.far.to_array().map(splat),
-            down: slabs.down.map(usize::from),
-            start: splat(slabs.start),
-        }
+        unsafe { boxes(slabs) }
     }
 
     #[inline(always)]
     fn triangles(self, shear: &Shear) -> Triangles {
         // SAFETY: `self` proves that the instructions exist.
-        let splat = |v: f32| unsafe { _mm256_set1_ps(v) };
-        Triangles {
-            origin: shear.axes.map(|axis| splat(shear.origin[axis])),
-            slope: shear.slope.to_array().map(splat),
-            axes: shear.axes,
-        }
+        unsafe { triangles(shear) }
     }
 
     #[inline(always)]
-    fn enter(self, ray: &Boxes, node: &Node, limit: f32) -> (u32, [f32; WIDTH]) {
-        // SAFETY: `self` proves that the instructions exist; all pointers are of whole arrays.
-        unsafe {
-            let plane =
-                |axis: usize, face: usize| _mm256_load_ps(node.bounds[axis][face & 1].as_ptr());
-            let near = |axis: usize| {
-                _mm256_fmsub_ps(
-                    plane(axis, ray.down[axis]),
-                    ray.inverse[axis],
-                    ray.near[axis],
-                )
-            };
-            let far = |axis: usize| {
-                _mm256_fmsub_ps(
-                    plane(axis, ray.down[axis] ^ 1),
-                    ray.inverse[axis],
-                    ray.far[axis],
-                )
-            };
-            let enter = _mm256_max_ps(
-                _mm256_max_ps(near(0), near(1)),
-                _mm256_max_ps(near(2), ray.start),
-            );
-            let leave = _mm256_min_ps(
-                _mm256_min_ps(far(0), far(1)),
-                _mm256_min_ps(far(2), _mm256_set1_ps(limit)),
-            );
-            let met = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(enter, leave));
-            let mut distances = [0.0; WIDTH];
-            _mm256_storeu_ps(distances.as_mut_ptr(), enter);
-            (met as u32, distances)
-        }
+    fn enter(self, ray: &Boxes, node: &Node, limit: f32) -> (u32, [Entry; WIDTH]) {
+        // SAFETY: `self` proves that the instructions exist.
+        unsafe { enter(ray, node, limit) }
     }
 
     #[inline(always)]
     fn candidates(self, ray: &Triangles, block: &Block) -> u32 {
-        // SAFETY: `self` proves that the instructions exist; all pointers are of whole arrays.
-        unsafe {
-            let [kx, ky, kz] = ray.axes.map(|axis| axis.min(2));
-            let load = |lanes: &[f32; LANES]| _mm256_load_ps(lanes.as_ptr());
-            let sheared = |corner: usize| {
-                let axes = &block.corners[corner];
-                let x = _mm256_sub_ps(load(&axes[kx]), ray.origin[0]);
-                let y = _mm256_sub_ps(load(&axes[ky]), ray.origin[1]);
-                let z = _mm256_sub_ps(load(&axes[kz]), ray.origin[2]);
-                (
-                    _mm256_sub_ps(x, _mm256_mul_ps(ray.slope[0], z)),
-                    _mm256_sub_ps(y, _mm256_mul_ps(ray.slope[1], z)),
-                )
-            };
-            let edge = |(px, py): (__m256, __m256), (qx, qy): (__m256, __m256)| {
-                _mm256_sub_ps(_mm256_mul_ps(px, qy), _mm256_mul_ps(py, qx))
-            };
-            let (a, b, c) = (sheared(0), sheared(1), sheared(2));
-            let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
-            let low = _mm256_min_ps(_mm256_min_ps(u, v), w);
-            let high = _mm256_max_ps(_mm256_max_ps(u, v), w);
-            let zero = _mm256_setzero_ps();
-            _mm256_movemask_ps(_mm256_or_ps(
-                _mm256_cmp_ps::<_CMP_GE_OQ>(low, zero),
-                _mm256_cmp_ps::<_CMP_LE_OQ>(high, zero),
-            )) as u32
-        }
+        // SAFETY: `self` proves that the instructions exist.
+        unsafe { candidates(ray, block) }
     }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
+fn boxes(slabs: &Slabs) -> Boxes {
+    let splat = |v: Vec3| {
+        [
+            _mm256_set1_ps(v.x),
+            _mm256_set1_ps(v.y),
+            _mm256_set1_ps(v.z),
+        ]
+    };
+    let [x, y, z] = slabs.down;
+    Boxes {
+        inverse: splat(slabs.inverse),
+        near: splat(slabs.near),
+        far: splat(slabs.far),
+        down: [usize::from(x), usize::from(y), usize::from(z)],
+        start: _mm256_set1_ps(slabs.start),
+    }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
+fn triangles(shear: &Shear) -> Triangles {
+    let [x, y, z] = shear.axes;
+    let origin = |axis: usize| _mm256_set1_ps(shear.origin[axis]);
+    Triangles {
+        origin: [origin(x), origin(y), origin(z)],
+        slope: [_mm256_set1_ps(shear.slope.x), _mm256_set1_ps(shear.slope.y)],
+        axes: [x.min(2), y.min(2), z.min(2)],
+    }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
+fn load(lanes: &[f32; 8]) -> __m256 {
+    // SAFETY: the pointer is of a whole array.
+    unsafe { _mm256_loadu_ps(lanes.as_ptr()) }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
+fn enter(ray: &Boxes, node: &Node, limit: f32) -> (u32, [Entry; WIDTH]) {
+    let plane = |axis: usize, face: usize| load(&node.bounds[axis][face & 1]);
+    let near = |axis: usize| {
+        let plane = plane(axis, ray.down[axis]);
+        _mm256_fmsub_ps(plane, ray.inverse[axis], ray.near[axis])
+    };
+    let far = |axis: usize| {
+        let plane = plane(axis, ray.down[axis] ^ 1);
+        _mm256_fmsub_ps(plane, ray.inverse[axis], ray.far[axis])
+    };
+    let enter = _mm256_max_ps(
+        _mm256_max_ps(near(0), near(1)),
+        _mm256_max_ps(near(2), ray.start),
+    );
+    let leave = _mm256_min_ps(
+        _mm256_min_ps(far(0), far(1)),
+        _mm256_min_ps(far(2), _mm256_set1_ps(limit)),
+    );
+    let met = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(enter, leave));
+    (met as u32, entries(enter, &node.children))
+}
+
+/// Distances above children, as in [`Entry`].
+#[inline]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
+fn entries(enter: __m256, children: &[Child; WIDTH]) -> [Entry; WIDTH] {
+    let mut entries = [const { MaybeUninit::<[Entry; 2]>::uninit() }; WIDTH / 2];
+    // SAFETY: the pointers are of whole arrays, and all pairs are written.
+    unsafe {
+        let children = _mm256_loadu_si256(children.as_ptr().cast());
+        let enter = _mm256_castps_si256(enter);
+        let even = _mm256_unpacklo_epi32(children, enter);
+        let odd = _mm256_unpackhi_epi32(children, enter);
+        _mm_storeu_si128(entries[0].as_mut_ptr().cast(), _mm256_castsi256_si128(even));
+        _mm_storeu_si128(entries[1].as_mut_ptr().cast(), _mm256_castsi256_si128(odd));
+        _mm_storeu_si128(
+            entries[2].as_mut_ptr().cast(),
+            _mm256_extracti128_si256::<1>(even),
+        );
+        _mm_storeu_si128(
+            entries[3].as_mut_ptr().cast(),
+            _mm256_extracti128_si256::<1>(odd),
+        );
+        std::mem::transmute(entries)
+    }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
+fn candidates(ray: &Triangles, block: &Block) -> u32 {
+    let [kx, ky, kz] = ray.axes;
+    let sheared = |corner: &[[f32; LANES]; 3]| {
+        let x = _mm256_sub_ps(load(&corner[kx]), ray.origin[0]);
+        let y = _mm256_sub_ps(load(&corner[ky]), ray.origin[1]);
+        let z = _mm256_sub_ps(load(&corner[kz]), ray.origin[2]);
+        (
+            _mm256_sub_ps(x, _mm256_mul_ps(ray.slope[0], z)),
+            _mm256_sub_ps(y, _mm256_mul_ps(ray.slope[1], z)),
+        )
+    };
+    let edge = |(px, py): (__m256, __m256), (qx, qy): (__m256, __m256)| {
+        _mm256_sub_ps(_mm256_mul_ps(px, qy), _mm256_mul_ps(py, qx))
+    };
+    let [a, b, c] = &block.corners;
+    let (a, b, c) = (sheared(a), sheared(b), sheared(c));
+    let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
+    let low = _mm256_min_ps(_mm256_min_ps(u, v), w);
+    let high = _mm256_max_ps(_mm256_max_ps(u, v), w);
+    let zero = _mm256_setzero_ps();
+    _mm256_movemask_ps(_mm256_or_ps(
+        _mm256_cmp_ps::<_CMP_GE_OQ>(low, zero),
+        _mm256_cmp_ps::<_CMP_LE_OQ>(high, zero),
+    )) as u32
 }
