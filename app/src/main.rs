@@ -1,7 +1,10 @@
 //! The program `isophote`: renders, traces, compares and inspects scenes with every technique.
 
 mod compare;
+mod devices;
 mod display;
+#[cfg(feature = "gpu")]
+mod gpu_rays;
 mod info;
 mod metrics;
 mod npy;
@@ -57,6 +60,7 @@ enum Commands {
     Trace(trace::TraceArgs),
     Compare(compare::CompareArgs),
     Info(info::InfoArgs),
+    Devices(devices::DevicesArgs),
 }
 
 fn main() -> ExitCode {
@@ -102,6 +106,7 @@ fn run(mut arguments: Vec<OsString>) -> Result<ExitCode> {
         }
         Commands::Compare(args) => return compare::compare(args),
         Commands::Info(args) => info::info(args)?,
+        Commands::Devices(args) => devices::devices(args)?,
     }
     Ok(ExitCode::SUCCESS)
 }

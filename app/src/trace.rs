@@ -2,12 +2,16 @@
 
 use std::{path::PathBuf, sync::Arc};
 
-use anyhow::{Result, ensure};
+#[cfg(not(feature = "gpu"))]
+use anyhow::bail;
+use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
-use isophote_scene::{Hit, Ray, Selection, SurfaceId, Tracer, check_writable};
+use isophote_scene::{Hit, Ray, Scene, Selection, SurfaceId, Tracer, check_writable};
 use rayon::prelude::*;
 use serde::Serialize;
 
+#[cfg(feature = "gpu")]
+use crate::gpu_rays::GpuRays;
 use crate::{
     npy,
     output::{
@@ -15,7 +19,7 @@ use crate::{
     },
     rays::{self, RayKind},
     scene_args::{SceneArgs, choose_camera, require_geometry},
-    tracers::TracerChoice,
+    tracers::{AnyTracer, BuiltTracer, Choice, Device, choose},
     values,
 };
 
@@ -29,7 +33,8 @@ known: t is 0 or +inf, and the rest stays unknown.
 Examples:
   isophote trace hall.glb --make diffuse --count 1000000 -o rays.npy
   isophote trace hall.glb --rays rays.npy -o hits.npy --json
-  isophote trace hall.glb --rays rays.npy --mode any --threads 1 --repeat 5 -o hits.npy";
+  isophote trace hall.glb --rays rays.npy --mode any --threads 1 --repeat 5 -o hits.npy
+  isophote trace hall.glb --rays rays.npy --device gpu --tracer ray-query -o hits.npy";
 
 /// Trace rays from a file, or make such a file.
 #[derive(Args, Debug)]
@@ -37,9 +42,15 @@ Examples:
 pub(crate) struct TraceArgs {
     /// A .glb, .gltf or .obj file, or builtin:NAME as `isophote --help` lists them
     scene: String,
-    /// Who answers the rays
-    #[arg(long, value_enum, default_value = "bvh")]
-    tracer: TracerChoice,
+    /// Who answers the rays; bvh on the CPU and compute-bvh on a GPU unless given
+    #[arg(long, value_enum)]
+    tracer: Option<AnyTracer>,
+    /// Where; auto is where the tracer runs, or a GPU if there is one in hardware
+    #[arg(long, value_enum, default_value = "auto")]
+    device: Device,
+    /// A part of the name of the GPU to use; the fastest unless given (`isophote devices` lists them)
+    #[arg(long, value_name = "NAME", conflicts_with = "make")]
+    adapter: Option<String>,
     /// What is asked of each ray
     #[arg(long, value_enum, default_value = "closest")]
     mode: Mode,
@@ -99,6 +110,8 @@ struct Report<'a> {
     /// Of the tracing alone: the median of the repeats.
     rays_per_second: Option<f64>,
     trace_seconds: Option<f64>,
+    /// Without the way to the GPU and back, by its own clock.
+    kernel_seconds: Option<f64>,
     build_seconds: f64,
     load_seconds: f64,
     /// Held by the tracer's own structures.
@@ -129,15 +142,20 @@ pub(crate) fn trace(args: &TraceArgs) -> Result<()> {
         bounds: args.changes.bounds(),
         ..Selection::default()
     };
-    let (built, build_seconds) = timed(|| args.tracer.build(&scene, &selection));
-    let built = built?;
+    // Rays are made on the CPU.
+    let device = if args.make.is_some() {
+        Device::Cpu
+    } else {
+        args.device
+    };
+    let choice = choose(device, args.tracer, args.adapter.as_deref())?;
+    let (built, build_seconds) =
+        timed(|| Built::new(choice, args.adapter.as_deref(), &scene, &selection));
+    let mut built = built?;
     let mut report = Report {
         scene: &args.scene,
         output: &args.output,
-        tracer: args
-            .tracer
-            .to_possible_value()
-            .map_or_else(String::new, |value| value.get_name().to_owned()),
+        tracer: choice.name(),
         mode: None,
         threads: rayon::current_num_threads(),
         repeat: args.repeat,
@@ -145,23 +163,25 @@ pub(crate) fn trace(args: &TraceArgs) -> Result<()> {
         hits: None,
         rays_per_second: None,
         trace_seconds: None,
+        kernel_seconds: None,
         build_seconds,
         load_seconds,
-        bytes: built.bytes,
+        bytes: built.bytes(),
         triangles: scene.triangle_count(),
         memory_peak_bytes: None,
-        device: device(),
+        device: built.device(),
         program: PROGRAM,
     };
     if let Some(kind) = args.make {
         let camera = choose_camera(&scene, args.camera.as_deref(), voice)?;
         let count = args.count as usize;
-        let rays = rays::make(kind, &scene, &*built.tracer, &camera, count, args.seed)?;
+        let tracer = built.on_cpu().context("rays are made on the CPU")?;
+        let rays = rays::make(kind, &scene, tracer, &camera, count, args.seed)?;
         report.rays = rays.len();
         npy::write_rays(&args.output, &rays)?;
     } else {
         warn_of_lengths(&rays, voice);
-        let traced = trace_all(&*built.tracer, &rays, args.mode, args.repeat);
+        let traced = built.trace(&rays, args.mode, args.repeat)?;
         report.mode = Some(args.mode);
         report.hits = Some(
             traced
@@ -171,6 +191,7 @@ pub(crate) fn trace(args: &TraceArgs) -> Result<()> {
                 .count(),
         );
         report.trace_seconds = Some(traced.seconds);
+        report.kernel_seconds = traced.kernel_seconds;
         report.rays_per_second = Some(rays.len() as f64 / traced.seconds);
         npy::write(&args.output, 5, &traced.hits)?;
     }
@@ -195,10 +216,98 @@ fn warn_of_lengths(rays: &[Ray], voice: Voice) {
     }
 }
 
+/// A tracer that is ready.
+enum Built {
+    Cpu(BuiltTracer),
+    #[cfg(feature = "gpu")]
+    Gpu(Box<GpuRays>),
+}
+
+impl Built {
+    fn new(
+        choice: Choice,
+        adapter: Option<&str>,
+        scene: &Arc<Scene>,
+        selection: &Selection,
+    ) -> Result<Self> {
+        match choice {
+            Choice::Cpu(choice) => choice.build(scene, selection).map(Self::Cpu),
+            #[cfg(feature = "gpu")]
+            Choice::Gpu(choice) => {
+                let rays = GpuRays::build(choice, adapter, scene, selection)?;
+                Ok(Self::Gpu(Box::new(rays)))
+            }
+            #[cfg(not(feature = "gpu"))]
+            Choice::Gpu(_) => {
+                bail!("no GPU {adapter:?}: this program was built without its feature `gpu`")
+            }
+        }
+    }
+
+    fn on_cpu(&self) -> Option<&dyn Tracer> {
+        match self {
+            Self::Cpu(built) => Some(&*built.tracer),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(_) => None,
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Cpu(built) => built.bytes,
+            #[cfg(feature = "gpu")]
+            Self::Gpu(rays) => rays.bytes,
+        }
+    }
+
+    fn device(&self) -> String {
+        match self {
+            Self::Cpu(_) => device(),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(rays) => rays.device(),
+        }
+    }
+
+    fn trace(&mut self, rays: &[Ray], mode: Mode, repeat: u32) -> Result<Traced> {
+        match self {
+            Self::Cpu(built) => Ok(trace_all(&*built.tracer, rays, mode, repeat)),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(gpu) => trace_on_gpu(gpu, rays, mode, repeat),
+        }
+    }
+}
+
 /// Five numbers for each ray, and the median of the seconds it took.
 struct Traced {
     hits: Vec<f32>,
     seconds: f64,
+    kernel_seconds: Option<f64>,
+}
+
+#[cfg(feature = "gpu")]
+fn trace_on_gpu(gpu: &mut GpuRays, rays: &[Ray], mode: Mode, repeat: u32) -> Result<Traced> {
+    let (mut seconds, mut kernel_seconds, mut hits) = (Vec::new(), Vec::new(), Vec::new());
+    for _ in 0..repeat {
+        let (time, kernel_time) = match mode {
+            Mode::Closest => {
+                let answers = gpu.closest(rays)?;
+                hits = answers.hits.iter().flat_map(closest_row).collect();
+                (answers.seconds, answers.kernel_seconds)
+            }
+            Mode::Any => {
+                let answers = gpu.any(rays)?;
+                hits = answers.hits.iter().flat_map(|&hit| any_row(hit)).collect();
+                (answers.seconds, answers.kernel_seconds)
+            }
+        };
+        seconds.push(time);
+        kernel_seconds.extend(kernel_time);
+    }
+    Ok(Traced {
+        hits,
+        seconds: median(seconds),
+        kernel_seconds: (!kernel_seconds.is_empty()).then(|| median(kernel_seconds)),
+    })
 }
 
 fn trace_all(tracer: &dyn Tracer, rays: &[Ray], mode: Mode, repeat: u32) -> Traced {
@@ -211,6 +320,7 @@ fn trace_all(tracer: &dyn Tracer, rays: &[Ray], mode: Mode, repeat: u32) -> Trac
             Traced {
                 hits: hits.iter().flat_map(closest_row).collect(),
                 seconds,
+                kernel_seconds: None,
             }
         }
         Mode::Any => {
@@ -221,6 +331,7 @@ fn trace_all(tracer: &dyn Tracer, rays: &[Ray], mode: Mode, repeat: u32) -> Trac
             Traced {
                 hits: hits.iter().flat_map(|&hit| any_row(hit)).collect(),
                 seconds,
+                kernel_seconds: None,
             }
         }
     }
@@ -234,7 +345,7 @@ fn median_seconds<T: Send>(
     trace: impl Fn(&[Ray], &mut [T]) + Sync,
 ) -> f64 {
     const BATCH: usize = 8192;
-    let mut seconds: Vec<f64> = (0..repeat)
+    let seconds = (0..repeat)
         .map(|_| {
             let work = || {
                 rays.par_chunks(BATCH)
@@ -244,6 +355,10 @@ fn median_seconds<T: Send>(
             timed(work).1
         })
         .collect();
+    median(seconds)
+}
+
+fn median(mut seconds: Vec<f64>) -> f64 {
     seconds.sort_by(f64::total_cmp);
     let middle = seconds.len() / 2;
     if seconds.len().is_multiple_of(2) {
@@ -284,14 +399,22 @@ impl Report<'_> {
         let Some((rate, hits)) = self.rays_per_second.zip(self.hits) else {
             return format!("{}: {} rays\n", self.output.display(), self.rays);
         };
+        let on_device = self.kernel_seconds.map_or_else(String::new, |seconds| {
+            let rate = self.rays as f64 / seconds / 1e6;
+            format!(", {rate:.3} without the way there and back")
+        });
+        let with = if self.device.starts_with("gpu") {
+            self.device.clone()
+        } else {
+            format!("{} threads", self.threads)
+        };
         format!(
-            "{}: {} hits of {} rays\n{:.3} million rays/s ({}, {} threads), built in {:.3} s, {:.1} MiB\n",
+            "{}: {} hits of {} rays\n{:.3} million rays/s{on_device} ({}, {with}), built in {:.3} s, {:.1} MiB\n",
             self.output.display(),
             hits,
             self.rays,
             rate / 1e6,
             self.tracer,
-            self.threads,
             self.build_seconds,
             self.bytes as f64 / f64::from(1 << 20)
         )

@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use anyhow::Result;
+#[cfg(feature = "gpu")]
+use crate::gpu_rays::has_hardware;
+use anyhow::{Result, bail};
 use clap::ValueEnum;
 use isophote_scene::{BruteForceTracer, BuildTracer, BvhTracer, Scene, Selection, Tracer};
 
@@ -13,6 +15,105 @@ pub(crate) enum TracerChoice {
     Bvh,
     /// Exact, by testing every triangle: slow, for checking
     BruteForce,
+}
+
+/// Who answers rays, wherever.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum AnyTracer {
+    /// CPU: exact, by a bounding volume hierarchy
+    Bvh,
+    /// CPU: exact, by testing every triangle: slow, for checking
+    BruteForce,
+    /// GPU: exact, by a bounding volume hierarchy
+    ComputeBvh,
+    /// GPU: exact, by the GPU's own ray tracing
+    RayQuery,
+    /// GPU: the boxes around triangles, by the GPU's own ray tracing
+    Boxes,
+}
+
+/// Where to compute.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Device {
+    Auto,
+    Cpu,
+    Gpu,
+}
+
+/// A tracer, by where it runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Choice {
+    Cpu(TracerChoice),
+    Gpu(GpuTracerChoice),
+}
+
+impl AnyTracer {
+    fn choice(self) -> Choice {
+        match self {
+            Self::Bvh => Choice::Cpu(TracerChoice::Bvh),
+            Self::BruteForce => Choice::Cpu(TracerChoice::BruteForce),
+            Self::ComputeBvh => Choice::Gpu(GpuTracerChoice::ComputeBvh),
+            Self::RayQuery => Choice::Gpu(GpuTracerChoice::RayQuery),
+            Self::Boxes => Choice::Gpu(GpuTracerChoice::Boxes),
+        }
+    }
+
+    fn name(self) -> String {
+        self.to_possible_value()
+            .map_or_else(String::new, |value| value.get_name().to_owned())
+    }
+}
+
+impl Choice {
+    /// As on the command line.
+    pub(crate) fn name(self) -> String {
+        let of = |one: &&AnyTracer| one.choice() == self;
+        AnyTracer::value_variants()
+            .iter()
+            .find(of)
+            .map_or_else(String::new, |one| one.name())
+    }
+}
+
+/// The tracer that was asked for, or else the best on the device that was.
+pub(crate) fn choose(
+    device: Device,
+    tracer: Option<AnyTracer>,
+    adapter: Option<&str>,
+) -> Result<Choice> {
+    let choice = match (tracer, device) {
+        (Some(tracer), _) => tracer.choice(),
+        (None, Device::Gpu) => Choice::Gpu(GpuTracerChoice::ComputeBvh),
+        (None, Device::Auto) if adapter.is_some() || has_hardware() => {
+            Choice::Gpu(GpuTracerChoice::ComputeBvh)
+        }
+        (None, _) => Choice::Cpu(TracerChoice::Bvh),
+    };
+    match (choice, device, adapter) {
+        (Choice::Cpu(_), Device::Gpu, _) => {
+            bail!("{} runs on the CPU: leave out --device gpu", choice.name())
+        }
+        (Choice::Gpu(_), Device::Cpu, _) => {
+            bail!("{} runs on a GPU: leave out --device cpu", choice.name())
+        }
+        (Choice::Cpu(_), _, Some(_)) => {
+            bail!("{} runs on the CPU: leave out --adapter", choice.name())
+        }
+        _ => Ok(choice),
+    }
+}
+
+#[cfg(not(feature = "gpu"))]
+fn has_hardware() -> bool {
+    false
+}
+
+/// Who answers rays on a GPU.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum GpuTracerChoice {
+    ComputeBvh,
+    RayQuery,
+    Boxes,
 }
 
 /// A tracer, and the bytes its own structures hold.

@@ -21,9 +21,15 @@ pub(crate) struct Arguments {
     /// A scene file or builtin:NAME; may be given more than once
     #[arg(long = "scene", value_name = "SCENE", default_values = ["builtin:atrium", "builtin:office", "builtin:hairball"])]
     scenes: Vec<String>,
-    /// The tracer to measure
-    #[arg(long, default_value = "bvh")]
-    tracer: String,
+    /// The tracer to measure; bvh on the CPU and compute-bvh on a GPU unless given
+    #[arg(long)]
+    tracer: Option<String>,
+    /// Where to trace: cpu or gpu
+    #[arg(long, default_value = "cpu", value_parser = ["cpu", "gpu"])]
+    device: String,
+    /// A part of the name of the GPU to use; the fastest unless given
+    #[arg(long)]
+    adapter: Option<String>,
     /// Rays of each kind
     #[arg(long, default_value_t = 1_000_000, value_parser = clap::value_parser!(u32).range(1..))]
     count: u32,
@@ -44,12 +50,15 @@ pub(crate) struct Arguments {
 struct Report<'a> {
     machine: Machine,
     settings: Settings<'a>,
+
     scenes: Vec<SceneReport>,
 }
 
 #[derive(Serialize)]
 struct Settings<'a> {
-    tracer: &'a str,
+    tracer: Option<&'a str>,
+    device: &'a str,
+    adapter: Option<&'a str>,
     rays: u32,
     repeats: u32,
     seed: u64,
@@ -58,6 +67,9 @@ struct Settings<'a> {
 #[derive(Serialize)]
 struct SceneReport {
     scene: String,
+    /// Who traced and on what, as the application says.
+    tracer: Option<String>,
+    device: Option<String>,
     /// What the application says of the tracer: seconds to build it and bytes it holds, where it says so.
     build_seconds: Option<f64>,
     bytes: Option<u64>,
@@ -73,6 +85,9 @@ struct Case {
     threads: usize,
     median_rays_per_second: f64,
     rays_per_second: Vec<f64>,
+    /// Without the way to the GPU and back, by its own clock.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    kernel_rays_per_second: Vec<f64>,
 }
 
 /// How many times as fast one case is as another, by their medians.
@@ -109,7 +124,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         .map(|scene| bench.scene(scene))
         .collect::<Result<_>>()?;
     let settings = Settings {
-        tracer: &arguments.tracer,
+        tracer: arguments.tracer.as_deref(),
+        device: &arguments.device,
+        adapter: arguments.adapter.as_deref(),
         rays: arguments.count,
         repeats: arguments.repeats,
         seed: arguments.seed,
@@ -157,6 +174,10 @@ impl Bench<'_> {
         }
         let mut threads = vec![1, self.threads];
         threads.dedup();
+        // A GPU does not mind how many threads wait for it.
+        if self.arguments.device == "gpu" {
+            threads = vec![self.threads];
+        }
         let mut cases: Vec<_> = threads
             .iter()
             .flat_map(|&threads| KINDS.map(|kind| (threads, kind)))
@@ -167,6 +188,7 @@ impl Bench<'_> {
                 threads,
                 median_rays_per_second: 0.0,
                 rays_per_second: Vec::new(),
+                kernel_rays_per_second: Vec::new(),
             })
             .collect();
         let mut last = Value::Null;
@@ -189,6 +211,8 @@ impl Bench<'_> {
         }
         Ok(SceneReport {
             scene: scene.to_owned(),
+            tracer: last["tracer"].as_str().map(str::to_owned),
+            device: last["device"].as_str().map(str::to_owned),
             build_seconds: last["build_seconds"].as_f64(),
             bytes: last["bytes"].as_u64(),
             ratios: ratios(&cases),
@@ -198,11 +222,16 @@ impl Bench<'_> {
 
     /// Traces the rays of a case once and keeps the rate.
     fn measure(&self, scene: &str, case: &mut Case) -> Result<Value> {
-        let report = self.isophote.json(&[
+        let mut choice = vec!["--device", self.arguments.device.as_str()];
+        for (flag, value) in [
+            ("--tracer", &self.arguments.tracer),
+            ("--adapter", &self.arguments.adapter),
+        ] {
+            choice.extend(value.iter().flat_map(|value| [flag, value.as_str()]));
+        }
+        let trace = [
             "trace",
             scene,
-            "--tracer",
-            &self.arguments.tracer,
             "--mode",
             case.mode,
             "--threads",
@@ -212,11 +241,15 @@ impl Bench<'_> {
             "-o",
             &self.file("hits"),
             "--json",
-        ])?;
+        ];
+        let report = self.isophote.json(&[&trace[..], &choice].concat())?;
         let rate = report["rays_per_second"]
             .as_f64()
             .context("`isophote trace --json` printed no `rays_per_second`")?;
         case.rays_per_second.push(rate);
+        let on_device = report["kernel_seconds"].as_f64();
+        case.kernel_rays_per_second
+            .extend(on_device.map(|seconds| f64::from(self.arguments.count) / seconds));
         Ok(report)
     }
 
@@ -292,6 +325,7 @@ mod tests {
             threads,
             median_rays_per_second,
             rays_per_second: vec![],
+            kernel_rays_per_second: vec![],
         };
         let cases = [
             case("coherent", "closest", 1, 4.0),

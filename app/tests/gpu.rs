@@ -1,0 +1,142 @@
+//! The program on a GPU: what there is, and rays that are answered as on the CPU.
+#![cfg(feature = "gpu")]
+#![expect(clippy::unwrap_used, reason = "a test's helpers may fail the test")]
+
+use std::{
+    fs,
+    io::Write,
+    path::Path,
+    process::{Command, Output},
+};
+
+use assert_cmd::cargo::cargo_bin;
+use serde_json::Value;
+
+fn run(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(cargo_bin!("isophote"))
+        .args(arguments)
+        .current_dir(folder)
+        .env_remove("RUST_LOG")
+        .output()
+        .unwrap()
+}
+
+fn json(folder: &Path, arguments: &[&str]) -> Value {
+    let output = run(folder, arguments);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments:?}: {said}");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// The adapters; none, loudly, where there are none and none is required.
+fn adapters(folder: &Path) -> Vec<Value> {
+    let report = json(folder, &["devices", "--json"]);
+    assert!(report["threads"].as_u64().unwrap() > 0);
+    let adapters = report["adapters"].as_array().unwrap().clone();
+    if adapters.is_empty() {
+        let required = std::env::var_os("ISOPHOTE_REQUIRE_GPU").is_some_and(|value| value == "1");
+        assert!(!required, "a GPU adapter is required, but there is none");
+        let _ = writeln!(std::io::stderr(), "SKIPPED a GPU test: there is no adapter");
+    }
+    adapters
+}
+
+/// The numbers of a hits file of version 1, five a ray.
+fn hits(path: &Path) -> Vec<f32> {
+    let bytes = fs::read(path).unwrap();
+    let header = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    let numbers = bytes[header..].chunks_exact(4);
+    numbers
+        .map(|four| f32::from_le_bytes(four.try_into().unwrap()))
+        .collect()
+}
+
+#[test]
+fn gpu_tracers_answer_as_the_cpu_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let Some(adapter) = adapters(at).into_iter().next() else {
+        return;
+    };
+    let scene = "builtin:cornell";
+    let make = [
+        "trace",
+        scene,
+        "--make=diffuse",
+        "--count=3000",
+        "-q",
+        "-o",
+        "rays.npy",
+    ];
+    assert!(run(at, &make).status.success());
+    let trace = ["trace", scene, "--rays=rays.npy", "--json"];
+    json(
+        at,
+        &[&trace[..], &["--tracer=bvh", "-o", "exact.npy"]].concat(),
+    );
+    let exact = hits(&at.join("exact.npy"));
+    let mut tracers = vec!["compute-bvh"];
+    if adapter["ray_query"].as_str().unwrap().starts_with("passed") {
+        tracers.push("ray-query");
+    }
+    let name = adapter["name"].as_str().unwrap();
+    for tracer in tracers {
+        let chosen = ["--device=gpu", "--tracer", tracer, "--adapter", name];
+        let report = json(at, &[&trace[..], &chosen, &["-o", "hits.npy"]].concat());
+        assert!(
+            report["device"].as_str().unwrap().contains(name),
+            "{report}"
+        );
+        let found = hits(&at.join("hits.npy"));
+        assert_eq!(found.len(), exact.len());
+        let differ = |(a, b): &(&[f32], &[f32])| {
+            a[0].is_finite() != b[0].is_finite() || (a[0] - b[0]).abs() > 1e-4 * b[0] + 1e-6
+        };
+        let rows = found.chunks_exact(5).zip(exact.chunks_exact(5));
+        assert_eq!(rows.filter(differ).count(), 0, "{tracer}");
+        let report = json(
+            at,
+            &[&trace[..], &chosen, &["--mode=any", "-o", "any.npy"]].concat(),
+        );
+        let expected = exact
+            .chunks_exact(5)
+            .filter(|row| row[0].is_finite())
+            .count();
+        assert_eq!(report["hits"], expected, "{tracer}");
+    }
+}
+
+#[test]
+fn wrong_devices_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let make = [
+        "trace",
+        "builtin:cornell",
+        "--make=diffuse",
+        "--count=10",
+        "-q",
+        "-o",
+        "rays.npy",
+    ];
+    assert!(run(at, &make).status.success());
+    for (choice, expected) in [
+        (&["--device=gpu", "--tracer=bvh"][..], "runs on the CPU"),
+        (&["--device=cpu", "--tracer=boxes"], "runs on a GPU"),
+        (&["--adapter=llvmpipe", "--tracer=bvh"], "runs on the CPU"),
+        (&["--device=gpu", "--adapter=No Such GPU"], "No Such GPU"),
+    ] {
+        let trace = [
+            "trace",
+            "builtin:cornell",
+            "--rays=rays.npy",
+            "-o",
+            "hits.npy",
+        ];
+        let output = run(at, &[&trace[..], choice].concat());
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{choice:?}: {said}");
+        assert!(said.contains(expected), "{choice:?}: {said}");
+        assert!(!at.join("hits.npy").exists(), "{choice:?}");
+    }
+}
