@@ -19,8 +19,8 @@ use crate::{
 /// c_k(p) = max_q w(p, q), q as before
 /// ```
 ///
-/// with w and the rest as for [`JointBilateral`](crate::JointBilateral), f as many times as wide as the tile. The
-/// confidence c is the same for all parts that have a sample on p's surface, so they count alike, and takes those
+/// with w and the rest as for [`JointBilateral`](crate::JointBilateral), f and the neighbourhood as many times as wide
+/// as the tile: a radius of 1 has four samples of every part. The confidence c is the same for all parts that have a sample on p's surface, so they count alike, and takes those
 /// out that have none. A tile of 1×1 is joint bilateral upsampling; a factor of 1 joins tiles at full resolution.
 ///
 /// Cost per pixel: 4r²·m·n weights of about 30 operations (r the [`Neighborhood`]'s radius) and as many
@@ -32,8 +32,8 @@ pub struct SinglePass {
 }
 
 impl SinglePass {
-    /// Upsampling by a `factor` of 1 to 64 of samples interleaved in tiles of `[m, n]` of them, each 1 to 32; radius
-    /// and σ of the neighbourhood count samples of one part.
+    /// Upsampling by a `factor` of 1 to 64 of samples interleaved in tiles of `[m, n]` of them, each 1 to 32; the
+    /// neighbourhood counts samples of one part.
     ///
     /// # Errors
     /// [`Error::Parameter`](crate::Error::Parameter) when a parameter is out of its range.
@@ -50,8 +50,7 @@ impl SinglePass {
             upsampling: Upsampling {
                 factor,
                 tile,
-                radius: neighborhood.radius,
-                sigma: neighborhood.sigma,
+                around: neighborhood,
                 edges,
             },
         })

@@ -5,8 +5,9 @@
 //! O_g(p) = Σ_q f(p, q) w(p, q) I(q) / Σ_q f(p, q) w(p, q), q in group g
 //! ```
 //!
-//! with f the spatial Gaussian and w the weight of an [`EdgeStop`](crate::EdgeStop). The samples of a group are
-//! those of one place in the tiles of interleaved sampling; without tiles there is one group and c does not matter.
+//! with w the weight of an [`EdgeStop`](crate::EdgeStop) and f a Gaussian over the near samples, and over those farther
+//! away where none of the near ones is like the pixel. The samples of a group are those of one place in the tiles of
+//! interleaved sampling; without tiles there is one group and c does not matter.
 //!
 //! All pixels of a row with the same place between the samples have the same f. So a row is computed in as many
 //! phases as the factor says, and in a phase neighbouring lanes need neighbouring samples.
@@ -14,7 +15,7 @@
 use rayon::prelude::*;
 
 use crate::{
-    Guides, ImageView, Result,
+    EdgeStop, Guides, ImageView, Neighborhood, Result,
     error::require,
     guides::{EdgeKernel, Here, There},
     image::{Rows, check_length},
@@ -100,11 +101,8 @@ pub(crate) struct Upsampling {
     pub(crate) factor: usize,
     /// Columns and rows of the tiles of interleaved sampling.
     pub(crate) tile: [usize; 2],
-    /// Samples of a group on each side of a pixel.
-    pub(crate) radius: usize,
-    /// σ of f, in distances between samples of a group.
-    pub(crate) sigma: f32,
-    pub(crate) edges: crate::EdgeStop,
+    pub(crate) around: Neighborhood,
+    pub(crate) edges: EdgeStop,
 }
 
 impl Upsampling {
@@ -124,7 +122,7 @@ impl Upsampling {
             guides: guides_of_samples(guides, grid),
             grid,
         };
-        let groups = self.groups();
+        let [near, far] = self.groups();
         let edges = EdgeKernel::from(self.edges);
         output
             .par_chunks_exact_mut(width * channels)
@@ -134,7 +132,8 @@ impl Upsampling {
                     upsampling: self,
                     samples: &samples,
                     guides: &guides.rows,
-                    groups: &groups,
+                    near: &near,
+                    far: &far,
                     edges,
                     scratch,
                     y,
@@ -144,21 +143,25 @@ impl Upsampling {
         Ok(())
     }
 
-    /// The samples around a pixel, as distances from the one to the left and above, group by group.
-    fn groups(&self) -> Vec<Vec<[isize; 2]>> {
+    /// The near and the far samples around a pixel, as distances from the one to the left and above, group by group.
+    fn groups(&self) -> [Vec<Vec<[isize; 2]>>; 2] {
         let [m, n] = self.tile.map(|side| side as isize);
-        let radius = self.radius as isize;
-        let window = |side: isize| 1 - radius * side..=radius * side;
-        let group = |column: isize, row: isize| {
-            let places = window(n).flat_map(|b| window(m).map(move |a| [a, b]));
-            places
-                .filter(|[a, b]| a.rem_euclid(m) == column && b.rem_euclid(n) == row)
-                .collect()
+        let [radius, reach] = [self.around.radius, self.around.reach].map(|side| side as isize);
+        let window = |side: isize| 1 - reach * side..=reach * side;
+        let is_near = |[a, b]: [isize; 2]| {
+            (1 - radius * m..=radius * m).contains(&a) && (1 - radius * n..=radius * n).contains(&b)
         };
-        (0..n)
-            .flat_map(|row| (0..m).map(move |column| (column, row)))
-            .map(|(column, row)| group(column, row))
-            .collect()
+        [true, false].map(|near| {
+            let places = (0..n).flat_map(|row| (0..m).map(move |column| [column, row]));
+            let group = |[column, row]: [isize; 2]| {
+                let samples = window(n).flat_map(|b| window(m).map(move |a| [a, b]));
+                let own = samples.filter(|&[a, b]| {
+                    a.rem_euclid(m) == column && b.rem_euclid(n) == row && is_near([a, b]) == near
+                });
+                own.collect()
+            };
+            places.map(group).collect()
+        })
     }
 }
 
@@ -201,8 +204,8 @@ struct Tap {
     /// Column of the first lane, and row.
     at: [isize; 2],
     spatial: f32,
-    /// 1 where there is a sample.
-    inside: Lanes,
+    /// The weight where no sample is of the pixel's kind: 1 where there is a near one.
+    fallback: Lanes,
     exponent: Lanes,
     /// The weight without f; before [`relate`] its factor alone.
     edge: Lanes,
@@ -212,7 +215,8 @@ struct Row<'a> {
     upsampling: &'a Upsampling,
     samples: &'a Samples,
     guides: &'a Rows,
-    groups: &'a [Vec<[isize; 2]>],
+    near: &'a [Vec<[isize; 2]>],
+    far: &'a [Vec<[isize; 2]>],
     edges: EdgeKernel,
     scratch: &'a mut Scratch,
     y: usize,
@@ -233,9 +237,15 @@ impl Kernel for Row<'_> {
                     load(row, start as isize, 0.0)
                 };
                 let here = Here::of([0, 1, 2, 3, 4, 5].map(guides));
-                self.weigh(&here, phase, start);
+                self.scratch.taps.clear();
+                self.weigh(&here, phase, start, None);
+                let unlike = unlikeness(&self.scratch.taps);
+                let is_far = unlike.iter().any(|&unlike| unlike > 0.0);
+                if is_far {
+                    self.weigh(&here, phase, start, Some(unlike));
+                }
                 relate(&mut self.scratch.taps);
-                self.sum();
+                self.sum(is_far);
                 let pixels = LANES.min(count - start);
                 let channels = self.scratch.totals.len();
                 for (channel, total) in self.scratch.totals.iter().enumerate() {
@@ -265,19 +275,22 @@ impl Row<'_> {
         }
     }
 
-    /// Finds the samples around the pixels from number `start` of a phase on, and how alike they are.
+    /// Finds the near samples around the pixels from number `start` of a phase on, and how alike they are; or the
+    /// far ones, that count as much as is said.
     #[inline(always)]
-    fn weigh(&mut self, here: &Here, phase: usize, start: usize) {
+    fn weigh(&mut self, here: &Here, phase: usize, start: usize, far: Option<Lanes>) {
+        let around = self.upsampling.around;
+        let (samples, sigma) = match far {
+            None => (self.near, around.sigma),
+            Some(_) => (self.far, 0.5 * around.reach as f32),
+        };
         let factor = self.upsampling.factor as isize;
         let offset = self.samples.grid.offset().map(|side| side as isize);
         let place = [phase as isize, self.y as isize];
         let near = [0, 1].map(|axis| (place[axis] - offset[axis]).div_euclid(factor));
-        let spacing = self
-            .upsampling
-            .tile
-            .map(|side| self.upsampling.sigma * (side * self.upsampling.factor) as f32);
-        self.scratch.taps.clear();
-        for [a, b] in self.groups.iter().flatten() {
+        let spacing = self.upsampling.tile;
+        let spacing = spacing.map(|side| sigma * (side * self.upsampling.factor) as f32);
+        for [a, b] in samples.iter().flatten() {
             let steps = [near[0] + a, near[1] + b];
             let [dx, dy] =
                 [0, 1].map(|axis| (steps[axis] * factor + offset[axis] - place[axis]) as f32);
@@ -286,13 +299,20 @@ impl Row<'_> {
             let mut tap = Tap {
                 at,
                 spatial: exp(-0.5 * (u * u + v * v)),
-                inside: [0.0; LANES],
+                fallback: [0.0; LANES],
                 exponent: [0.0; LANES],
                 edge: [0.0; LANES],
             };
             if let Some(there) = There::load(&self.samples.guides, at[0], at[1]) {
-                tap.inside = there.inside();
                 (tap.exponent, tap.edge) = self.edges.parts(&here.likeness(&there, dx, dy));
+                match far {
+                    None => tap.fallback = there.inside(),
+                    Some(share) => {
+                        for (edge, share) in tap.edge.iter_mut().zip(share) {
+                            *edge *= share;
+                        }
+                    }
+                }
             }
             self.scratch.taps.push(tap);
         }
@@ -300,7 +320,7 @@ impl Row<'_> {
 
     /// Weighted means of the groups, and of them the mean.
     #[inline(always)]
-    fn sum(&mut self) {
+    fn sum(&mut self, is_far: bool) {
         let Scratch {
             taps, sums, totals, ..
         } = &mut *self.scratch;
@@ -308,12 +328,15 @@ impl Row<'_> {
         totals.clear();
         totals.resize(channels, [0.0; LANES]);
         let mut norm = [0.0; LANES];
-        let mut taps = taps.iter();
-        for group in self.groups {
+        let (near, far) = taps.split_at(self.near.iter().map(Vec::len).sum());
+        let (mut near, mut far) = (near.iter(), far.iter());
+        for (near_group, far_group) in self.near.iter().zip(self.far) {
             sums.clear();
             sums.resize(channels, [0.0; LANES]);
             let (mut weight, mut best) = ([0.0; LANES], [0.0_f32; LANES]);
-            for tap in taps.by_ref().take(group.len()) {
+            let near = near.by_ref().take(near_group.len());
+            let far = far.by_ref().take(if is_far { far_group.len() } else { 0 });
+            for tap in near.chain(far) {
                 let mut weights = [0.0; LANES];
                 for lane in 0..LANES {
                     weights[lane] = tap.spatial * tap.edge[lane];
@@ -353,12 +376,17 @@ impl Row<'_> {
     }
 }
 
-/// Scales the weights of each pixel so that the best exponent becomes 0: where all samples are unlike the pixel,
-/// the least unlike counts. Where none is of its kind, all count alike.
+/// How much far samples count: not at all if a near one weighs 1/e or more, fully if none weighs e⁻⁴.
 #[inline(always)]
-fn relate(taps: &mut [Tap]) {
+fn unlikeness(taps: &[Tap]) -> Lanes {
+    best_exponents(taps).map(|best| ((-1.0 - best) / 3.0).clamp(0.0, 1.0))
+}
+
+/// Of the samples of a pixel's kind; −∞ where there is none.
+#[inline(always)]
+fn best_exponents(taps: &[Tap]) -> Lanes {
     let mut best = [f32::NEG_INFINITY; LANES];
-    for tap in taps.iter() {
+    for tap in taps {
         for (lane, best) in best.iter_mut().enumerate() {
             let candidate = if tap.edge[lane] > 0.0 {
                 tap.exponent[lane]
@@ -368,13 +396,21 @@ fn relate(taps: &mut [Tap]) {
             *best = best.max(candidate);
         }
     }
+    best
+}
+
+/// Scales the weights of each pixel so that the best exponent becomes 0: where all samples are unlike the pixel,
+/// the least unlike counts. Where none is of its kind, all count alike.
+#[inline(always)]
+fn relate(taps: &mut [Tap]) {
+    let best = best_exponents(taps);
     for tap in taps {
         for (lane, &best) in best.iter().enumerate() {
             let found = best > f32::NEG_INFINITY;
             // Samples that do not count may be above the best.
             let exponent = (tap.exponent[lane] - best).min(0.0);
             let weight = tap.edge[lane] * exp(exponent);
-            tap.edge[lane] = if found { weight } else { tap.inside[lane] };
+            tap.edge[lane] = if found { weight } else { tap.fallback[lane] };
         }
     }
 }

@@ -13,20 +13,29 @@ use isophote_filters::{
 const ROUND: Neighborhood = Neighborhood {
     radius: 2,
     sigma: 0.7,
+    reach: 4,
 };
 
 fn edges() -> EdgeStop {
     EdgeStop::new(NormalWeight::Angle(0.4), 0.1).unwrap()
 }
 
-/// The samples around a pixel: what is left of their offset modulo the tile, the pixel they are, their value's index.
+/// A sample around a pixel.
+struct Sample {
+    /// Its place in the tiles of interleaved sampling, but for a shift.
+    group: [isize; 2],
+    is_near: bool,
+    pixel: [usize; 2],
+    index: usize,
+}
+
 fn samples(
     picture: &Picture,
     [x, y]: [usize; 2],
     factor: usize,
-    radius: usize,
+    around: Neighborhood,
     tile: [usize; 2],
-) -> Vec<([isize; 2], [usize; 2], usize)> {
+) -> Vec<Sample> {
     let full = [picture.width, picture.height];
     let grid = SampleGrid::new(full, factor).unwrap();
     let [columns, rows] = grid.size();
@@ -35,20 +44,23 @@ fn samples(
         (x as isize - offset[0] as isize).div_euclid(factor as isize),
         (y as isize - offset[1] as isize).div_euclid(factor as isize),
     ];
-    let [reach_x, reach_y] = tile.map(|side| (radius * side) as isize);
-    window(1 - reach_x..=reach_x, 1 - reach_y..=reach_y)
-        .into_iter()
-        .filter_map(|[a, b]| {
-            let (i, j) = (near[0] + a, near[1] + b);
-            let exists = i >= 0 && j >= 0 && i < columns as isize && j < rows as isize;
-            let group = [
-                a.rem_euclid(tile[0] as isize),
-                b.rem_euclid(tile[1] as isize),
-            ];
-            let sample = [i as usize, j as usize];
-            exists.then(|| (group, grid.pixel(sample), sample[1] * columns + sample[0]))
-        })
-        .collect()
+    let [m, n] = tile.map(|side| side as isize);
+    let window = |radius: usize, side: isize| 1 - radius as isize * side..=radius as isize * side;
+    let all = common::window(window(around.reach, m), window(around.reach, n));
+    let exists = |&[a, b]: &[isize; 2]| {
+        (0..columns as isize).contains(&(near[0] + a))
+            && (0..rows as isize).contains(&(near[1] + b))
+    };
+    let sample = |[a, b]: [isize; 2]| {
+        let [i, j] = [(near[0] + a) as usize, (near[1] + b) as usize];
+        Sample {
+            group: [a.rem_euclid(m), b.rem_euclid(n)],
+            is_near: window(around.radius, m).contains(&a) && window(around.radius, n).contains(&b),
+            pixel: grid.pixel([i, j]),
+            index: j * columns + i,
+        }
+    };
+    all.into_iter().filter(exists).map(sample).collect()
 }
 
 /// The formulas of [`SinglePass`], of which joint bilateral upsampling is the case of one group.
@@ -63,28 +75,50 @@ fn oracle(
     let mut output = Vec::new();
     for y in 0..picture.height {
         for x in 0..picture.width {
-            let near = samples(picture, [x, y], factor, ROUND.radius, tile);
-            let spatial = |[u, v]: [usize; 2]| {
-                let spacing = tile.map(|side| f64::from(ROUND.sigma) * (side * factor) as f64);
-                let (dx, dy) = (u as f64 - x as f64, v as f64 - y as f64);
-                (-0.5 * ((dx / spacing[0]).powi(2) + (dy / spacing[1]).powi(2))).exp()
+            let around = samples(picture, [x, y], factor, ROUND, tile);
+            let log_edge = |sample: &Sample| picture.log_weight([x, y], sample.pixel, angle, depth);
+            let best = |samples: &mut dyn Iterator<Item = &Sample>| {
+                samples.map(log_edge).fold(f64::NEG_INFINITY, f64::max)
             };
-            let log_weight = |q| picture.log_weight([x, y], q, angle, depth);
-            let best = near.iter().map(|(_, q, _)| log_weight(*q));
-            let best = best.fold(f64::NEG_INFINITY, f64::max);
-            let edge = |q| match best {
-                f64::NEG_INFINITY => 1.0,
-                _ => (log_weight(q) - best).exp(),
+            // The cosine of Eq. (2) is no part of the exponent that far samples depend on.
+            let exponent = |sample: &Sample| {
+                let likeness = picture.likeness([x, y], sample.pixel);
+                match (angle, likeness) {
+                    (None, Some((cosine, distance))) if cosine > 0.0 => -distance / depth,
+                    (None, _) => f64::NEG_INFINITY,
+                    _ => log_edge(sample),
+                }
+            };
+            let near = around.iter().filter(|sample| sample.is_near);
+            let alike = near.map(exponent).fold(f64::NEG_INFINITY, f64::max);
+            let far = ((-1.0 - alike) / 3.0).clamp(0.0, 1.0);
+            let counting = || around.iter().filter(|sample| sample.is_near || far > 0.0);
+            let best = best(&mut counting());
+            let edge = |sample: &Sample| {
+                let share = if sample.is_near { 1.0 } else { far };
+                match best {
+                    f64::NEG_INFINITY => f64::from(u8::from(sample.is_near)),
+                    _ => share * (log_edge(sample) - best).exp(),
+                }
+            };
+            let spatial = |sample: &Sample| {
+                let sigma = match sample.is_near {
+                    true => f64::from(ROUND.sigma),
+                    false => 0.5 * ROUND.reach as f64,
+                };
+                let [u, v] = sample.pixel;
+                let distance = (u as f64 - x as f64) / (sigma * (tile[0] * factor) as f64);
+                let height = (v as f64 - y as f64) / (sigma * (tile[1] * factor) as f64);
+                (-0.5 * (distance * distance + height * height)).exp()
             };
             let (mut sum, mut norm) = (0.0, 0.0);
             for group in window(0..tile[0] as isize, 0..tile[1] as isize) {
-                let near = near.iter().filter(|(of, _, _)| *of == group);
                 let (mut values_sum, mut weights, mut best) = (0.0, 0.0, 0.0_f64);
-                for (_, q, index) in near {
-                    let weight = spatial(*q) * edge(*q);
-                    values_sum += weight * f64::from(values[*index]);
+                for sample in counting().filter(|sample| sample.group == group) {
+                    let weight = spatial(sample) * edge(sample);
+                    values_sum += weight * f64::from(values[sample.index]);
                     weights += weight;
-                    best = best.max(edge(*q));
+                    best = best.max(edge(sample));
                 }
                 if weights > 0.0 {
                     sum += best * values_sum / weights;
@@ -200,9 +234,9 @@ fn flat_surfaces_come_back() {
         .unwrap();
     for y in 0..60 {
         for x in 0..80 {
-            let near = samples(&picture, [x, y], 4, 2, [1, 1]);
+            let around = samples(&picture, [x, y], 4, Neighborhood::default(), [1, 1]);
             let expected = image[y * 80 + x];
-            if near.iter().any(|(_, _, sample)| low[*sample] == expected) {
+            if around.iter().any(|sample| low[sample.index] == expected) {
                 let found = output[y * 80 + x];
                 assert!(
                     (found - expected).abs() < 1e-3,
@@ -402,8 +436,20 @@ fn wrong_parameters_and_sizes_are_errors() {
     };
     parameter(JointBilateral::new(0, ROUND, edges()).map(drop));
     parameter(JointBilateral::new(65, ROUND, edges()).map(drop));
-    for (radius, sigma) in [(0, 1.0), (5, 1.0), (1, 0.1), (1, f32::NAN)] {
-        parameter(JointBilateral::new(2, Neighborhood { radius, sigma }, edges()).map(drop));
+    for (radius, sigma, reach) in [
+        (0, 1.0, 4),
+        (5, 1.0, 6),
+        (1, 0.1, 2),
+        (1, f32::NAN, 2),
+        (3, 1.0, 2),
+        (3, 1.0, 9),
+    ] {
+        let around = Neighborhood {
+            radius,
+            sigma,
+            reach,
+        };
+        parameter(JointBilateral::new(2, around, edges()).map(drop));
     }
     parameter(SinglePass::new(4, [0, 3], ROUND, edges()).map(drop));
     parameter(SinglePass::new(4, [3, 33], ROUND, edges()).map(drop));
