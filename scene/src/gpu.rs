@@ -8,6 +8,8 @@
 //!    sized against the adapter's limits before anything is created.
 //! 4. A [`GpuTracer`] answers rays in shaders: [`ComputeBvhTracer`] on any adapter, [`RayQueryTracer`] where the
 //!    device can trace rays itself, [`RayQueryBoxTracer`] roughly. [`RayBatch`] asks one about rays in bulk.
+//! 5. A [`GBufferPass`] rasterises what a camera sees into the layers of a [`GBuffer`], which may also be another
+//!    renderer's; [`ShadowMaps`] are what the lights see. [`Rasters`] binds both for techniques.
 //!
 //! # Bind groups
 //! | group | who owns it |
@@ -15,20 +17,29 @@
 //! | 0 | the technique |
 //! | 1 | the tracer ([`GpuTracer::bind_group`]) |
 //! | 2 | the scene's data ([`GpuScene::bind_group`]) |
+//! | 3 | G-buffer and shadow maps ([`Rasters::bind_group`]) |
 //!
 //! A shader stage may use 8 storage buffers (WebGPU's default): the scene takes 3, a tracer at most 2, so a
 //! technique has 3.
 
 mod context;
+mod gbuffer;
+mod raster;
+mod rasters;
 mod read;
 mod shader;
+mod shadow_map;
 mod timer;
 mod tracer;
 mod upload;
+mod view;
 
 pub use self::{
     context::{Adapter, AdapterChoice, Context, adapters},
+    gbuffer::{GBuffer, GBufferPass, GBufferViews},
+    rasters::Rasters,
     shader::{Linker, SHADERS, Shader, ShaderPackage},
+    shadow_map::{ShadowMaps, ShadowOptions},
     timer::{PassTime, Timer},
     tracer::{
         BuildGpuTracer, GpuTracer,

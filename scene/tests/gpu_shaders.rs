@@ -9,8 +9,8 @@ use glam::{Affine3A, Vec3};
 use isophote_scene::{
     Error, Instance, Material, Mesh, Scene, Selection,
     gpu::{
-        BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, GpuTracer, Linker, RayBatch,
-        RayQueryBoxTracer, RayQueryTracer, ShaderPackage,
+        BuildGpuTracer, ComputeBvhTracer, Context, GBufferPass, GpuScene, GpuTracer, Linker,
+        RayBatch, RayQueryBoxTracer, RayQueryTracer, ShaderPackage, ShadowMaps, ShadowOptions,
     },
 };
 
@@ -48,6 +48,18 @@ fn batches_build_with_every_tracer() {
         RayBatch::new(&context, &gpu_scene, &*tracer)
             .unwrap_or_else(|error| panic!("{}: {error}", tracer.name()));
     }
+}
+
+#[test]
+fn rasterising_passes_build() {
+    let context = Context::noop();
+    for samples in [1, 4] {
+        GBufferPass::new(&context, samples).unwrap();
+        let features = Linker::default().feature("multisampled", samples > 1);
+        features.link("scene::gbuffer::read").unwrap();
+    }
+    ShadowMaps::new(&context, &[], &ShadowOptions::default()).unwrap();
+    Linker::default().link("scene::shadow::read").unwrap();
 }
 
 fn link_error(text: &'static str) -> String {

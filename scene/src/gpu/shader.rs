@@ -24,14 +24,19 @@ use crate::{Error, Result, shader_package};
 pub const SHADERS: ShaderPackage = shader_package!(
     "scene",
     [
+        "gbuffer/raster",
+        "gbuffer/read",
         "ray",
         "scene_data",
+        "shadow/raster",
+        "shadow/read",
         "surface",
         "texture",
         "trace_batch",
         "tracer/compute_bvh",
         "tracer/ray_query",
-        "tracer/ray_query_boxes"
+        "tracer/ray_query_boxes",
+        "view"
     ]
 );
 

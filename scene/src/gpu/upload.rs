@@ -17,7 +17,7 @@ use self::{
     vertices::{Geometry, MeshPlace},
 };
 use super::Context;
-use crate::{Environment, Error, Result, Scene};
+use crate::{Aabb, Alpha, Environment, Error, InstanceMask, Result, Scene};
 
 /// A scene's data in GPU memory, bound as group 2.
 #[derive(Debug)]
@@ -25,11 +25,31 @@ pub struct GpuScene {
     layout: wgpu::BindGroupLayout,
     bind_group: wgpu::BindGroup,
     places: Vec<MeshPlace>,
-    /// Of every instance, to see that an update is of the same scene.
-    meshes: Vec<u32>,
+    meshes: Vec<MeshFacts>,
+    /// Mesh and roles of every instance.
+    instances: Vec<(u32, InstanceMask)>,
+    bounds: Aabb,
+    material_count: usize,
     light_count: usize,
     tables: wgpu::Buffer,
     bytes: u64,
+}
+
+/// What is known of a mesh without reading it again.
+#[derive(Clone, Copy, Debug)]
+struct MeshFacts {
+    bounds: Aabb,
+    /// Whether rays may pass some of its triangles.
+    masked: bool,
+}
+
+/// Neighbouring instances of one mesh, to be drawn at once.
+#[derive(Clone, Debug)]
+pub(super) struct Draw {
+    pub(super) instances: std::ops::Range<u32>,
+    pub(super) triangle_count: u32,
+    /// Whether rays may pass some of its triangles.
+    pub(super) masked: bool,
 }
 
 impl GpuScene {
@@ -99,11 +119,14 @@ impl GpuScene {
             layout,
             bind_group,
             places: geometry.places,
-            meshes: scene
+            meshes: mesh_facts(scene),
+            instances: scene
                 .instances
                 .iter()
-                .map(|instance| instance.mesh)
+                .map(|instance| (instance.mesh, instance.mask))
                 .collect(),
+            bounds: scene.bounds(),
+            material_count: scene.materials.len(),
             light_count: scene.lights.len(),
             tables,
             bytes,
@@ -116,13 +139,13 @@ impl GpuScene {
     /// # Errors
     /// [`Error::Parameter`] when instances or lights are others.
     pub fn update(&mut self, context: &Context, scene: &Scene) -> Result<()> {
-        let same = scene.instances.len() == self.meshes.len()
+        let same = scene.instances.len() == self.instances.len()
             && scene.lights.len() == self.light_count
             && scene
                 .instances
                 .iter()
-                .zip(&self.meshes)
-                .all(|(instance, mesh)| instance.mesh == *mesh);
+                .zip(&self.instances)
+                .all(|(instance, (mesh, _))| instance.mesh == *mesh);
         if !same {
             return Err(Error::Parameter {
                 name: "the moved scene",
@@ -135,11 +158,58 @@ impl GpuScene {
             });
         }
         let records = moving_records(scene, &self.places);
+        self.instances = scene
+            .instances
+            .iter()
+            .map(|instance| (instance.mesh, instance.mask))
+            .collect();
+        self.bounds = scene
+            .instances
+            .iter()
+            .filter(|instance| !self.meshes[instance.mesh as usize].bounds.is_empty())
+            .flat_map(|instance| {
+                let corners = self.meshes[instance.mesh as usize].bounds.corners();
+                corners.map(|corner| instance.transform.transform_point3(corner))
+            })
+            .fold(Aabb::EMPTY, Aabb::grown);
         context.check("moving the scene", |_| {
             context
                 .queue()
                 .write_buffer(&self.tables, 0, bytemuck::cast_slice(&records));
         })
+    }
+
+    /// The box around all instances, where they were at the last upload or update; empty without geometry.
+    pub fn bounds(&self) -> Aabb {
+        self.bounds
+    }
+
+    pub(super) fn material_count(&self) -> usize {
+        self.material_count
+    }
+
+    /// How to draw the instances that play all of some roles.
+    pub(super) fn draws(&self, roles: InstanceMask) -> Vec<Draw> {
+        let mut draws: Vec<(u32, Draw)> = Vec::new();
+        for (index, &(mesh, mask)) in (0..).zip(&self.instances) {
+            if !mask.contains(roles) {
+                continue;
+            }
+            match draws.last_mut() {
+                Some((last, draw)) if *last == mesh && draw.instances.end == index => {
+                    draw.instances.end += 1;
+                }
+                _ => {
+                    let draw = Draw {
+                        instances: index..index + 1,
+                        triangle_count: self.places[mesh as usize].triangle_count,
+                        masked: self.meshes[mesh as usize].masked,
+                    };
+                    draws.push((mesh, draw));
+                }
+            }
+        }
+        draws.into_iter().map(|(_, draw)| draw).collect()
     }
 
     /// What the shader modules `scene::…` bind.
@@ -200,6 +270,15 @@ impl GpuScene {
             entries: &entries,
         })
     }
+}
+
+fn mesh_facts(scene: &Scene) -> Vec<MeshFacts> {
+    let is_masked = |&material: &u32| scene.materials[material as usize].alpha != Alpha::Opaque;
+    let facts = |mesh: &std::sync::Arc<crate::Mesh>| MeshFacts {
+        bounds: mesh.bounds(),
+        masked: mesh.triangle_materials.iter().any(is_masked),
+    };
+    scene.meshes.iter().map(facts).collect()
 }
 
 /// Resources bound in order from 0.
