@@ -6,6 +6,7 @@
 
 mod structure;
 mod tools;
+mod vulkan;
 
 use std::time::{Duration, Instant};
 
@@ -32,7 +33,10 @@ struct Step {
 const STEPS: [Step; 8] = [
     Step {
         name: "tools",
-        run: |arguments, _| tools::require(!arguments.no_install),
+        run: |arguments, _| {
+            tools::require(!arguments.no_install)?;
+            vulkan::provide(!arguments.no_install)
+        },
     },
     Step {
         name: "structure",

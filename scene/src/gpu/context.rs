@@ -205,8 +205,26 @@ impl Context {
     /// If a GPU is required and there is none, or there is one that does not open.
     #[cfg(feature = "testing")]
     pub fn for_tests() -> Option<Self> {
+        Self::for_tests_of(Features::empty())
+    }
+
+    /// As [`for_tests`](Self::for_tests) for tests that need certain features.
+    ///
+    /// # Panics
+    /// If a GPU with those features is required and there is none, or there is one that does not open.
+    #[cfg(feature = "testing")]
+    pub fn for_tests_of(features: Features) -> Option<Self> {
+        let opened = Self::open(&AdapterChoice::Any).and_then(|context| {
+            if context.device.features().contains(features) {
+                return Ok(context);
+            }
+            Err(Error::NoAdapter {
+                wanted: format!("GPU adapter with {features:?}"),
+                found: format!("{} has not", context.device.adapter_info().name),
+            })
+        });
         let required = std::env::var_os("ISOPHOTE_REQUIRE_GPU").is_some_and(|value| value == "1");
-        match Self::open(&AdapterChoice::Any) {
+        match opened {
             Ok(context) => Some(context),
             Err(error @ Error::NoAdapter { .. }) if !required => {
                 use std::io::Write;

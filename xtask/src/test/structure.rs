@@ -3,6 +3,7 @@
 //! - The dependency rule: a technique depends on `isophote-scene` and `isophote-filters`, never on another technique;
 //!   only the application knows them all.
 //! - The other half of it: a technique's code names no concrete tracer.
+//! - Without its feature `gpu` a crate has no wgpu anywhere in its tree.
 //! - Every crate takes the workspace's lints and has a README whose first paragraph says what it is.
 //! - Every relative link in the documents leads somewhere.
 
@@ -10,7 +11,7 @@ use std::{fs, path::Path};
 
 use anyhow::{Context, Result, bail};
 
-use crate::workspace::{Package, Workspace, root};
+use crate::workspace::{Package, Workspace, cargo, output, root};
 
 /// The crates that implement one method each.
 const TECHNIQUES: [&str; 4] = [
@@ -21,7 +22,12 @@ const TECHNIQUES: [&str; 4] = [
 ];
 
 /// Tracers of `isophote-scene` that a technique must take as a `Tracer`, never by name.
-const CONCRETE_TRACERS: [&str; 2] = ["BvhTracer", "BruteForceTracer"];
+const CONCRETE_TRACERS: [&str; 4] = [
+    "BvhTracer",
+    "BruteForceTracer",
+    "RayQueryTracer",
+    "RayQueryBoxTracer",
+];
 
 /// Documents of the workspace as a whole.
 const DOCUMENTS: [&str; 6] = [
@@ -38,6 +44,12 @@ pub(super) fn check(workspace: &Workspace) -> Result<()> {
     let mut problems = forbidden_dependencies(&workspace.packages);
     for package in &workspace.packages {
         problems.extend(crate_problems(package)?);
+        if package.features.contains_key("gpu") && needs_wgpu(package)? {
+            problems.push(format!(
+                "{} needs wgpu without its feature gpu",
+                package.name
+            ));
+        }
     }
     for document in DOCUMENTS.map(|name| root().join(name)) {
         if !document.exists() {
@@ -93,6 +105,20 @@ fn forbidden_dependencies(packages: &[Package]) -> Vec<String> {
         }
     }
     problems
+}
+
+/// Whether wgpu is among what a crate is built of with no features.
+fn needs_wgpu(package: &Package) -> Result<bool> {
+    let words = [
+        "tree",
+        "--no-default-features",
+        "--edges",
+        "normal,build",
+        "--prefix",
+        "none",
+    ];
+    let tree = output(cargo(words).args(["--package", &package.name]))?;
+    Ok(tree.lines().any(|line| line.starts_with("wgpu ")))
 }
 
 /// What one crate lacks.

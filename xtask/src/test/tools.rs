@@ -94,7 +94,8 @@ fn is_there(probe: &[&str]) -> bool {
         .is_ok_and(|status| status.success())
 }
 
-fn may_use_apt() -> bool {
+/// Root on Debian, Ubuntu and their like.
+pub(super) fn may_use_apt() -> bool {
     let is_root = Command::new("id")
         .arg("-u")
         .output()
