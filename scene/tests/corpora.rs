@@ -1,32 +1,13 @@
 //! Models made by others, many of them wrong on purpose, in `../shared/corpora` where that folder is.
 #![cfg(all(feature = "gltf", feature = "obj"))]
-#![expect(clippy::unwrap_used, reason = "a test may fail")]
 
 mod support;
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::{fs, path::Path};
 
 use isophote_scene::{Error, load};
 use serde_json::Value;
-use support::{check::check, shared};
-
-fn models(folder: &Path) -> Vec<PathBuf> {
-    let mut models = Vec::new();
-    for entry in fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        let suffix = path.extension().and_then(|suffix| suffix.to_str());
-        if path.is_dir() {
-            models.extend(self::models(&path));
-        } else if matches!(suffix, Some("glb" | "gltf" | "obj")) {
-            models.push(path);
-        }
-    }
-    models.sort();
-    models
-}
+use support::{check::check, models, shared};
 
 /// Loads a model, and checks it if that succeeds.
 fn try_load(path: &Path) -> Result<usize, Error> {

@@ -590,6 +590,23 @@ fn animations_move_nodes_and_what_hangs_on_them() {
 }
 
 #[test]
+fn instances_rest_and_move() {
+    let mut scene = loaded(&seeds::instanced().glb());
+    assert_eq!((scene.meshes.len(), scene.instances.len()), (1, 4));
+    // (1, 0, 0), doubled, turned half around z and moved by 5 along x.
+    let far = |scene: &Scene, instance: usize| {
+        let transform = scene.instances[instance].transform;
+        transform.transform_point3(Vec3::X)
+    };
+    assert!((far(&scene, 1) - Vec3::X * 3.0).length() < 1e-5);
+    assert!((far(&scene, 3) - Vec3::X * 3.0).length() < 1e-5);
+    scene.set_time(1.0);
+    assert!((far(&scene, 1) - Vec3::X * 3.0).length() < 1e-5);
+    assert!((far(&scene, 2) - Vec3::new(1.0, 0.0, 3.0)).length() < 1e-5);
+    assert!((far(&scene, 3) - Vec3::new(3.0, 0.0, 3.0)).length() < 1e-5);
+}
+
+#[test]
 fn compressed_views() {
     let scene = loaded(&seeds::compressed().glb());
     let (positions, triangles) = seeds::grid();

@@ -4,7 +4,7 @@
 //! questions about extensions; [`buffers`] gives the bytes of a view and [`accessor`] the numbers in them, checked
 //! against the bytes that are there. [`nodes`] walks the chosen scene and asks [`meshes`] for what it meets, which
 //! ask [`materials`], which ask [`textures`]; so what the scene does not use costs nothing and cannot fail.
-//! [`animations`] moves the nodes that were met.
+//! [`instancing`] multiplies a node's mesh; [`animations`] moves the nodes that were met.
 //!
 //! Ignored, with a warning: points and lines, normal and occlusion maps, skins, morph targets, optional extensions
 //! that are not in [`document::SUPPORTED`].
@@ -14,6 +14,7 @@ mod animations;
 mod buffers;
 mod container;
 mod document;
+mod instancing;
 mod materials;
 mod meshes;
 mod meshopt;

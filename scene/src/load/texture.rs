@@ -67,7 +67,11 @@ pub(super) fn decode<'a>(
     )?;
     let texels = match DynamicImage::from_decoder(decoder) {
         Ok(image) => texels(&image),
-        Err(error) => return unusable(error.to_string()),
+        Err(error) => {
+            // Or else a file could have the same broken image decoded for every one of its materials.
+            decoding.keep();
+            return unusable(error.to_string());
+        }
     };
     drop(decoding);
     Ok(Some(Pixels {

@@ -23,6 +23,22 @@ pub(crate) fn shared(folder: &str) -> Option<PathBuf> {
     found.then_some(path)
 }
 
+/// All scenes in a folder and those below it.
+pub(crate) fn models(folder: &Path) -> Vec<PathBuf> {
+    let mut models = Vec::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let suffix = path.extension().and_then(|suffix| suffix.to_str());
+        if path.is_dir() {
+            models.extend(self::models(&path));
+        } else if matches!(suffix, Some("glb" | "gltf" | "obj")) {
+            models.push(path);
+        }
+    }
+    models.sort();
+    models
+}
+
 /// An empty folder, in memory where the system has such: thousands of small files take minutes on a disk.
 pub(crate) fn folder() -> tempfile::TempDir {
     let memory = Path::new("/dev/shm");

@@ -20,6 +20,7 @@ pub(crate) fn all() -> Vec<Files> {
         geometry().glb(),
         geometry().embedded(),
         compressed().glb(),
+        instanced().glb(),
         obj(),
     ]
 }
@@ -201,6 +202,33 @@ pub(crate) fn geometry() -> Gltf {
     show(&mut gltf, json!({ "POSITION": sparse }), Some(narrow), 4);
     let sparse = add_sparse(&mut gltf, None);
     show(&mut gltf, json!({ "POSITION": sparse }), Some(narrow), 4);
+    gltf
+}
+
+/// One mesh four times: at a node that rests and at one that moves, twice each.
+pub(crate) fn instanced() -> Gltf {
+    let mut gltf = Gltf::new();
+    gltf.json["extensionsRequired"] = json!(["EXT_mesh_gpu_instancing"]);
+    let resting = gltf.square();
+    let mesh = gltf.json["nodes"][resting]["mesh"].clone();
+    let moving = gltf.node(json!({ "mesh": mesh, "name": "moving" }));
+    let translations = gltf.floats(&[[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]]);
+    let rotations = gltf.accessor(&[0, 0, 0, 127, 0, 0, 127, 0], BYTE, "VEC4");
+    gltf.set("accessors", rotations, "normalized", json!(true));
+    let scales = gltf.floats(&[[1.0; 3], [2.0; 3]]);
+    let attributes = json!({ "TRANSLATION": translations, "ROTATION": rotations, "SCALE": scales });
+    let extension = json!({ "EXT_mesh_gpu_instancing": { "attributes": attributes } });
+    gltf.set("nodes", resting, "extensions", extension.clone());
+    gltf.set("nodes", moving, "extensions", extension);
+    let times = gltf.floats(&[[0.0], [1.0]]);
+    let values = gltf.floats(&[[0.0, 0.0, 0.0], [0.0, 0.0, 3.0]]);
+    gltf.add(
+        "animations",
+        json!({
+            "samplers": [{ "input": times, "output": values }],
+            "channels": [{ "sampler": 0, "target": { "node": moving, "path": "translation" } }]
+        }),
+    );
     gltf
 }
 

@@ -83,7 +83,7 @@ impl Document<'_> {
             held.keep();
             return Ok(bytes);
         }
-        if index == 0 && self.is_binary() {
+        if index == 0 && self.is_binary {
             return Err(self.malformed("the binary chunk that buffer 0 should be is missing"));
         }
         // The specification lets applications fill such buffers in; here nobody does.

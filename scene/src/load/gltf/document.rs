@@ -16,6 +16,7 @@ use crate::{
 
 /// The extensions that are understood, at least as far as a renderer of light needs them.
 pub(super) const SUPPORTED: &[&str] = &[
+    "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
     "KHR_lights_punctual",
@@ -33,6 +34,9 @@ pub(super) struct Document<'a> {
     pub(super) context: Context<'a>,
     pub(super) budget: &'a Budget<'a>,
     pub(super) root: Root,
+    /// Whether the file is a `.glb`, whatever its name.
+    pub(super) is_binary: bool,
+    /// The whole file if it has a binary chunk.
     bytes: Vec<u8>,
     bin: Option<Range<usize>>,
     /// External and embedded buffers, read when first asked for.
@@ -46,14 +50,20 @@ impl<'a> Document<'a> {
     /// Reads a file and its JSON, and checks that its required extensions are supported.
     pub(super) fn open(path: &'a Path, budget: &'a Budget<'a>) -> Result<Self> {
         let context = Context::new(path, budget);
-        let (bytes, held) = context.read(path)?;
-        held.keep();
+        let (mut bytes, bytes_held) = context.read(path)?;
         let parts = container::split(path, &bytes)?;
-        let (root, held) = container::parse(path, &bytes[parts.json], budget)?;
-        held.keep();
+        let (root, root_held) = container::parse(path, &bytes[parts.json], budget)?;
+        root_held.keep();
+        let is_binary = bytes.starts_with(container::MAGIC);
+        if parts.bin.is_some() {
+            bytes_held.keep();
+        } else {
+            bytes = Vec::new();
+        }
         let document = Self {
             context,
             budget,
+            is_binary,
             bytes,
             bin: parts.bin,
             buffers: root.buffers.iter().map(|_| OnceCell::new()).collect(),
@@ -68,11 +78,6 @@ impl<'a> Document<'a> {
     /// The binary chunk of a `.glb`.
     pub(super) fn bin(&self) -> Option<&[u8]> {
         self.bin.clone().map(|range| &self.bytes[range])
-    }
-
-    /// Whether the file is a `.glb`, whatever its name.
-    pub(super) fn is_binary(&self) -> bool {
-        self.bytes.starts_with(container::MAGIC)
     }
 
     /// The item of a list that an index in the file refers to.
@@ -130,7 +135,6 @@ fn remedy(extension: &str) -> String {
             "re-export the file with PNG, JPEG or WebP textures"
         }
         "KHR_materials_pbrSpecularGlossiness" => "convert its materials to metallic-roughness",
-        "EXT_mesh_gpu_instancing" => "re-export the file with one node per instance",
         _ => "re-export the file without it",
     }
     .into()

@@ -35,6 +35,8 @@ pub(super) fn load(document: &Document<'_>, scene: Option<&str>) -> Result<Scene
         instances: Vec::new(),
         lights: Vec::new(),
         cameras: Vec::new(),
+        known_nodes: animation.nodes.len(),
+        instance_nodes: Vec::new(),
     };
     for (place, &index) in order.iter().enumerate() {
         builder.node(
@@ -49,8 +51,10 @@ pub(super) fn load(document: &Document<'_>, scene: Option<&str>) -> Result<Scene
         instances,
         lights,
         cameras,
+        instance_nodes,
         ..
     } = builder;
+    animation.nodes.extend(instance_nodes);
     let (meshes, materials, textures) = meshes.finish();
     Ok(Scene {
         meshes,
@@ -180,6 +184,10 @@ struct Builder<'a> {
     instances: Vec<Instance>,
     lights: Vec<Light>,
     cameras: Vec<Camera>,
+    /// How many nodes there are without the following.
+    known_nodes: usize,
+    /// For moving instances beyond one a node.
+    instance_nodes: Vec<Node>,
 }
 
 impl Builder<'_> {
@@ -198,7 +206,7 @@ impl Builder<'_> {
             return Ok(());
         }
         if let Some(mesh) = node.mesh {
-            self.instance(mesh.value(), name, transform, moved_by)?;
+            self.instances(node, mesh.value(), name, transform, moved_by)?;
         }
         if node.skin.is_some() {
             self.document
@@ -229,8 +237,10 @@ impl Builder<'_> {
         Ok(())
     }
 
-    fn instance(
+    /// Adds the mesh of a node, once or as often as an extension says.
+    fn instances(
         &mut self,
+        node: &JsonNode,
         mesh: usize,
         name: &str,
         transform: Affine3A,
@@ -239,7 +249,27 @@ impl Builder<'_> {
         let Some(mesh) = self.meshes.get(mesh)? else {
             return Ok(());
         };
-        let reason = if !is_invertible(&transform) {
+        let Some(locals) = self.document.instancing(node)? else {
+            self.instance(mesh, name, transform, moved_by);
+            return Ok(());
+        };
+        for local in locals {
+            // What moves needs a node of its own to move by.
+            let place = (self.known_nodes + self.instance_nodes.len()) as u32;
+            if moved_by.is_some() {
+                self.instance_nodes.push(Node {
+                    name: name.to_owned(),
+                    parent: moved_by,
+                    local: Local::Matrix(local),
+                });
+            }
+            self.instance(mesh, name, transform * local, moved_by.map(|_| place));
+        }
+        Ok(())
+    }
+
+    fn instance(&mut self, mesh: u32, name: &str, transform: Affine3A, moved_by: Option<u32>) {
+        let reason = if !(transform.is_finite() && is_invertible(&transform)) {
             Some("has a transform that cannot be undone")
         } else if !is_within_reach(self.meshes.bounds(mesh), &transform) {
             Some("is placed too far away")
@@ -249,7 +279,7 @@ impl Builder<'_> {
         if let Some(reason) = reason {
             self.document
                 .warn(format!("node '{name}' {reason}; its mesh is dropped"));
-            return Ok(());
+            return;
         }
         let mask = match moved_by {
             Some(_) => InstanceMask::ALL.without(InstanceMask::STATIC),
@@ -262,7 +292,6 @@ impl Builder<'_> {
             mask,
             node: moved_by,
         });
-        Ok(())
     }
 
     fn light(

@@ -14,8 +14,17 @@ use crate::{ColorSpace, Filter, Result, Texture, Wrap, load::budget::Borrowed};
 /// The textures that the scene uses, decoded when first asked for.
 pub(super) struct Textures<'a> {
     document: &'a Document<'a>,
-    index_of: HashMap<(usize, ColorSpace), Option<u32>>,
+    index_of: HashMap<Key, Option<u32>>,
     textures: Vec<Arc<Texture>>,
+}
+
+/// What makes a texture: textures of the file that agree in it are one.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct Key {
+    image: usize,
+    wrap: [Wrap; 2],
+    filter: Filter,
+    color_space: ColorSpace,
 }
 
 impl<'a> Textures<'a> {
@@ -29,16 +38,30 @@ impl<'a> Textures<'a> {
 
     /// The place in the scene of a texture of the file, or `None` where its image cannot be used.
     pub(super) fn get(&mut self, index: usize, color_space: ColorSpace) -> Result<Option<u32>> {
-        if let Some(&place) = self.index_of.get(&(index, color_space)) {
+        let document = self.document;
+        let json = document.item(&document.root.textures, "texture", index)?;
+        let Some(image) = source(json) else {
+            document.warn("a texture has no PNG, JPEG or WebP image; white takes its place");
+            return Ok(None);
+        };
+        let sampler = match json.sampler {
+            Some(index) => document.item(&document.root.samplers, "sampler", index.value())?,
+            None => &Sampler::default(),
+        };
+        let key = Key {
+            image,
+            wrap: [wrap(sampler.wrap_s), wrap(sampler.wrap_t)],
+            filter: filter(sampler),
+            color_space,
+        };
+        if let Some(&place) = self.index_of.get(&key) {
             return Ok(place);
         }
-        let textures = &self.document.root.textures;
-        let texture = self.document.item(textures, "texture", index)?;
-        let place = self.load(texture, color_space)?.map(|texture| {
+        let place = self.load(key)?.map(|texture| {
             self.textures.push(Arc::new(texture));
             self.textures.len() as u32 - 1
         });
-        self.index_of.insert((index, color_space), place);
+        self.index_of.insert(key, place);
         Ok(place)
     }
 
@@ -46,26 +69,17 @@ impl<'a> Textures<'a> {
         self.textures
     }
 
-    fn load(&self, json: &JsonTexture, color_space: ColorSpace) -> Result<Option<Texture>> {
-        let document = self.document;
-        let Some(image) = source(json) else {
-            document.warn("a texture has no PNG, JPEG or WebP image; white takes its place");
+    fn load(&self, key: Key) -> Result<Option<Texture>> {
+        let Some((name, bytes, _held)) = self.image(key.image)? else {
             return Ok(None);
         };
-        let Some((name, bytes, _held)) = self.image(image)? else {
-            return Ok(None);
-        };
-        let Some(pixels) = document.context.pixels(&bytes, &name)? else {
-            return Ok(None);
-        };
-        let mut texture = pixels.into_texture(&name, color_space);
-        if let Some(sampler) = json.sampler {
-            let samplers = &document.root.samplers;
-            let sampler = document.item(samplers, "sampler", sampler.value())?;
-            texture.wrap = [wrap(sampler.wrap_s), wrap(sampler.wrap_t)];
-            texture.filter = filter(sampler);
-        }
-        Ok(Some(texture))
+        let pixels = self.document.context.pixels(&bytes, &name)?;
+        Ok(pixels.map(|pixels| {
+            let mut texture = pixels.into_texture(&name, key.color_space);
+            texture.wrap = key.wrap;
+            texture.filter = key.filter;
+            texture
+        }))
     }
 
     /// The name and bytes of an image; a missing or unusable one is a warning.
