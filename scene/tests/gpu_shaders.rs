@@ -9,8 +9,9 @@ use glam::{Affine3A, Vec3};
 use isophote_scene::{
     Error, Instance, Material, Mesh, Scene, Selection,
     gpu::{
-        BuildGpuTracer, ComputeBvhTracer, Context, GBufferPass, GpuScene, GpuTracer, Linker,
-        RayBatch, RayQueryBoxTracer, RayQueryTracer, ShaderPackage, ShadowMaps, ShadowOptions,
+        BuildGpuTracer, ComputeBvhTracer, Context, GBuffer, GBufferPass, GpuScene, GpuTracer,
+        Linker, Rasters, RayBatch, RayQueryBoxTracer, RayQueryTracer, ShaderPackage, ShadowMaps,
+        ShadowOptions,
     },
 };
 
@@ -60,6 +61,64 @@ fn rasterising_passes_build() {
     }
     ShadowMaps::new(&context, &[], &ShadowOptions::default()).unwrap();
     Linker::default().link("scene::shadow::read").unwrap();
+}
+
+const SHADE: ShaderPackage = ShaderPackage {
+    name: "test_shade",
+    modules: &[(
+        "shade",
+        "import scene::gbuffer::read::{gbuffer_size, samples_alike, seen_at};
+        import scene::shadow::read::shadow;
+        @group(0) @binding(0) var<storage, read_write> shades: array<f32>;
+        @compute @workgroup_size(8, 8)
+        fn shade(@builtin(global_invocation_id) id: vec3u) {
+            let seen = seen_at(id.xy, 0u);
+            let share = f32(samples_alike(id.xy, 0u));
+            shades[id.y * gbuffer_size().x + id.x] = share * shadow(0u, seen.position, seen.normal);
+        }",
+    )],
+};
+
+#[test]
+fn a_technique_reads_g_buffer_and_shadow_maps_at_once() {
+    let context = Context::noop();
+    let scene = GpuScene::new(&context, &triangle()).unwrap();
+    let maps = ShadowMaps::new(&context, &[], &ShadowOptions::default()).unwrap();
+    let device = context.device();
+    let layout = |entries: &[wgpu::BindGroupLayoutEntry]| {
+        device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: None,
+            entries,
+        })
+    };
+    let own = layout(&[wgpu::BindGroupLayoutEntry {
+        binding: 0,
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ty: wgpu::BindingType::Buffer {
+            ty: wgpu::BufferBindingType::Storage { read_only: false },
+            has_dynamic_offset: false,
+            min_binding_size: None,
+        },
+        count: None,
+    }]);
+    let empty = layout(&[]);
+    for samples in [1, 4] {
+        let gbuffer = GBuffer::new(&context, [64, 32], samples).unwrap();
+        let rasters = Rasters::new(&context, Some(&gbuffer), Some(&maps)).unwrap();
+        let layouts = [
+            &own,
+            &empty,
+            scene.bind_group_layout(),
+            rasters.bind_group_layout(),
+        ];
+        Linker::default()
+            .package(SHADE)
+            .feature("multisampled", samples > 1)
+            .link("test_shade::shade")
+            .unwrap()
+            .compute_pipeline(&context, "shade", &layouts)
+            .unwrap();
+    }
 }
 
 fn link_error(text: &'static str) -> String {
