@@ -16,11 +16,11 @@
 //! and is the same on every run. Repeated things are instances of one mesh, some of them mirrored. No two faces lie
 //! in one plane over each other, so it is never left to chance which material a ray meets.
 
+mod atrium;
 mod cornell;
 mod corner;
 mod hairball;
 mod office;
-#[expect(dead_code, reason = "the scenes still to come use the rest")]
 mod paint;
 mod random;
 mod shapes;
@@ -43,6 +43,10 @@ pub const NAMES: &[(&str, &str)] = &[
     (
         "corner",
         "three planes with objects, for ambient occlusion; corner:N has N × N vertices a plane (2 to 1025, 33 unless given)",
+    ),
+    (
+        "atrium",
+        "a two-storey colonnaded hall in the sun, about 250,000 triangles",
     ),
     (
         "office",
@@ -81,6 +85,7 @@ pub fn build(spec: &str) -> Result<Scene> {
     match name {
         "cornell" => plain(cornell::build),
         "corner" => number(parameter, corner::VERTICES).map(corner::build),
+        "atrium" => plain(atrium::build),
         "office" => plain(office::build),
         "hairball" => number(parameter, hairball::TRIANGLES).map(hairball::build),
         _ => Err(Error::UnknownBuiltin {

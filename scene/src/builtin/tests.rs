@@ -14,6 +14,13 @@ const SCENES: &[Expected] = &[
     ("cornell", 38, 38, [-0.001; 3], [0.557, 0.549, 0.56]),
     ("corner", 10_000, 30_000, [-0.02; 3], [4.01, 4.01, 4.01]),
     (
+        "atrium",
+        237_500,
+        262_500,
+        [-14.76, -0.32, -6.45],
+        [14.76, 12.04, 6.45],
+    ),
+    (
         "office",
         19_000,
         23_000,
@@ -72,11 +79,11 @@ fn arrays_fit_together_and_normals_agree_with_the_winding() {
                 let mean: Vec3 = triangle.iter().map(|&k| mesh.normals[k as usize]).sum();
                 turned += usize::from(face.dot(mean) <= 0.0);
             }
-            // A tube of three sides may fold over itself where a hair has a kink.
-            let kinks = if mesh.name == "hairball" {
-                mesh.triangles.len() / 100
-            } else {
-                0
+            // A tube of three sides may fold over itself where a hair has a kink, and gathered cloth in its folds.
+            let kinks = match mesh.name.as_str() {
+                "hairball" => mesh.triangles.len() / 100,
+                name if name.starts_with("curtain_") => mesh.triangles.len() / 50,
+                _ => 0,
             };
             assert!(turned <= kinks, "{label}: {turned}");
         }
@@ -333,7 +340,7 @@ fn cornell_has_red_on_the_left_and_light_above() {
 #[test]
 fn wrong_names_and_numbers_are_errors() {
     let message = |spec: &str| build(spec).unwrap_err().to_string();
-    assert!(message("builtin:sponza").contains("cornell, corner, office, hairball"));
+    assert!(message("builtin:sponza").contains("cornell, corner, atrium, office, hairball"));
     assert!(message("").contains("hairball"));
     for spec in [
         "hairball:999",
