@@ -11,6 +11,23 @@
 //! 5. A [`GBufferPass`] rasterises what a camera sees into the layers of a [`GBuffer`], which may also be another
 //!    renderer's; [`ShadowMaps`] are what the lights see. [`Rasters`] binds both for techniques.
 //!
+//! ```no_run
+//! use std::sync::Arc;
+//! use glam::Vec3;
+//! use isophote_scene::{Ray, Selection, builtin};
+//! use isophote_scene::gpu::{AdapterChoice, BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, RayBatch};
+//!
+//! let scene = Arc::new(builtin::build("builtin:cornell")?);
+//! let context = Context::open(&AdapterChoice::Any)?;
+//! let gpu_scene = GpuScene::new(&context, &scene)?;
+//! let tracer = ComputeBvhTracer::build(&context, &scene, &Selection::default(), &())?;
+//! let mut batch = RayBatch::new(&context, &gpu_scene, &tracer)?;
+//! let rays = [Ray::new(scene.bounds().center(), Vec3::NEG_Y)];
+//! let mut hits = [None];
+//! batch.closest_hits(&context, &gpu_scene, &tracer, &rays, &mut hits)?;
+//! # Ok::<(), isophote_scene::Error>(())
+//! ```
+//!
 //! # Bind groups
 //! | group | who owns it |
 //! |---|---|

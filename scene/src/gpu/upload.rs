@@ -93,11 +93,11 @@ impl GpuScene {
         let [vertices, triangles, tables] = buffers;
         let (layout, bind_group) = context.check("uploading the scene's textures", |device| {
             let pages = atlas.upload(context, &scene.textures);
-            let pages = [
-                wgpu::TextureFormat::Rgba8UnormSrgb,
-                wgpu::TextureFormat::Rgba8Unorm,
-            ]
-            .map(|format| pages.create_view(&page_view(format)));
+            let pages = pages.create_view(&wgpu::TextureViewDescriptor {
+                label: Some("scene textures"),
+                dimension: Some(wgpu::TextureViewDimension::D2Array),
+                ..Default::default()
+            });
             let environment = environment.upload(context);
             let layout = Self::layout(device);
             let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -108,8 +108,7 @@ impl GpuScene {
                     vertices.as_entire_binding(),
                     triangles.as_entire_binding(),
                     tables.as_entire_binding(),
-                    wgpu::BindingResource::TextureView(&pages[0]),
-                    wgpu::BindingResource::TextureView(&pages[1]),
+                    wgpu::BindingResource::TextureView(&pages),
                     wgpu::BindingResource::TextureView(&environment),
                 ]),
             });
@@ -246,15 +245,7 @@ impl GpuScene {
         };
         let pages = texture(wgpu::TextureViewDimension::D2Array);
         let environment = texture(wgpu::TextureViewDimension::D2);
-        let types = [
-            uniform,
-            storage,
-            storage,
-            storage,
-            pages,
-            pages,
-            environment,
-        ];
+        let types = [uniform, storage, storage, storage, pages, environment];
         let entries: Vec<_> = types
             .into_iter()
             .zip(0..)
@@ -293,15 +284,6 @@ pub(super) fn entries<const N: usize>(
             resource,
         }
     })
-}
-
-fn page_view(format: wgpu::TextureFormat) -> wgpu::TextureViewDescriptor<'static> {
-    wgpu::TextureViewDescriptor {
-        label: Some("scene textures"),
-        format: Some(format),
-        dimension: Some(wgpu::TextureViewDimension::D2Array),
-        ..Default::default()
-    }
 }
 
 /// The environment as a texture: one texel where it is the same all around.

@@ -83,7 +83,7 @@ impl Atlas {
         }
     }
 
-    /// Creates the array texture and writes every level; it can be viewed as sRGB and as linear.
+    /// Creates the array texture and writes every level, sRGB as it is stored.
     pub(super) fn upload(&self, context: &Context, textures: &[Arc<Texture>]) -> wgpu::Texture {
         let pages = context.device().create_texture(&wgpu::TextureDescriptor {
             label: Some("scene textures"),
@@ -97,7 +97,7 @@ impl Atlas {
             dimension: wgpu::TextureDimension::D2,
             format: wgpu::TextureFormat::Rgba8Unorm,
             usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-            view_formats: &[wgpu::TextureFormat::Rgba8UnormSrgb],
+            view_formats: &[],
         });
         let levels = textures
             .iter()
