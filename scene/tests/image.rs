@@ -1,5 +1,7 @@
 //! Image files: what is written is read again, and what is wrong is refused.
 
+#![cfg(feature = "exr")]
+
 use std::path::{Path, PathBuf};
 
 use glam::Vec3;
@@ -66,6 +68,58 @@ fn exr_files_repeat_byte_for_byte() {
     }
     let [a, b] = paths.map(|path| std::fs::read(path).unwrap());
     assert!(a == b);
+}
+
+#[test]
+fn exr_of_other_programs_is_read_whatever_its_kind() {
+    use exr::prelude::{
+        AnyChannel, AnyChannels, Blocks, Compression, Encoding, FlatSamples, Layer,
+        LayerAttributes, LineOrder, Vec2, WritableImage, f16,
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let values: Vec<f32> = (0..40 * 30).map(|i| 0.25 * (i % 97) as f32).collect();
+    let mut encodings = Vec::new();
+    for compression in [
+        Compression::Uncompressed,
+        Compression::RLE,
+        Compression::ZIP1,
+        Compression::PIZ,
+    ] {
+        encodings.push((compression, Blocks::ScanLines, LineOrder::Decreasing));
+        encodings.push((
+            compression,
+            Blocks::Tiles(Vec2(16, 16)),
+            LineOrder::Unspecified,
+        ));
+    }
+    for (number, (compression, blocks, line_order)) in encodings.into_iter().enumerate() {
+        let encoding = Encoding {
+            compression,
+            blocks,
+            line_order,
+        };
+        let half = values.iter().map(|&value| f16::from_f32(value)).collect();
+        let whole = values.iter().map(|&value| value as u32).collect();
+        let channels = [
+            AnyChannel::new("B", FlatSamples::U32(whole)),
+            AnyChannel::new("G", FlatSamples::F16(half)),
+            AnyChannel::new("R", FlatSamples::F32(values.clone())),
+        ];
+        let channels = AnyChannels::sort(channels.into_iter().collect());
+        let layer = Layer::new((40, 30), LayerAttributes::named("main"), encoding, channels);
+        let path = folder.path().join(format!("{number}.exr"));
+        let file = exr::prelude::Image::from_layer(layer);
+        file.write().to_file(&path).unwrap();
+        let image = Image::load(&path).unwrap();
+        assert_eq!((image.width, image.height), (40, 30));
+        for (pixel, &value) in image.rgb("").unwrap().iter().zip(&values) {
+            assert_eq!(
+                *pixel,
+                Vec3::new(value, value, value.floor()),
+                "{encoding:?}"
+            );
+        }
+    }
 }
 
 #[test]
