@@ -63,17 +63,35 @@ pub fn load(path: &Path) -> Result<Scene> {
 /// # Errors
 /// As [`load`], and if there is no such scene in the file.
 pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Scene> {
-    let suffix = path
-        .extension()
-        .map(|suffix| suffix.to_string_lossy().to_ascii_lowercase());
-    match suffix.as_deref() {
-        #[cfg(feature = "gltf")]
-        Some("glb" | "gltf") => gltf::load(path, options),
-        #[cfg(feature = "obj")]
-        Some("obj") => obj::load(path, options),
-        _ => Err(Error::UnknownFormat {
+    let suffix = path.extension().unwrap_or_default().to_string_lossy();
+    let format = FORMATS
+        .iter()
+        .find(|(known, _)| suffix.eq_ignore_ascii_case(known));
+    match format {
+        Some((_, load)) => load(path, options),
+        None => Err(Error::UnknownFormat {
             path: path.to_owned(),
-            known: ".glb, .gltf and .obj",
+            known: KNOWN,
         }),
     }
 }
+
+type Loader = fn(&Path, &LoadOptions) -> Result<Scene>;
+
+/// Suffixes and what loads them.
+const FORMATS: &[(&str, Loader)] = &[
+    #[cfg(feature = "gltf")]
+    ("glb", gltf::load),
+    #[cfg(feature = "gltf")]
+    ("gltf", gltf::load),
+    #[cfg(feature = "obj")]
+    ("obj", obj::load),
+];
+
+/// The suffixes for people.
+const KNOWN: &str = match (cfg!(feature = "gltf"), cfg!(feature = "obj")) {
+    (true, true) => ".glb, .gltf and .obj",
+    (true, false) => ".glb and .gltf",
+    (false, true) => ".obj",
+    (false, false) => "none, in this build,",
+};

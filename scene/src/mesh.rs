@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3, Vec4};
 ///
 /// The vertex arrays `normals` and `positions` have one entry per vertex; `uvs` and `colors` have one per
 /// vertex or are empty. Every index is in range, every position finite and every triangle has a positive
-/// area: [`clean`](crate::clean) sees to that at load.
+/// area: [`clean`](crate::clean()) sees to that at load.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// The name in the file; may be empty.
