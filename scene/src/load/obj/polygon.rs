@@ -144,6 +144,36 @@ mod tests {
         }
     }
 
+    proptest::proptest! {
+        #[test]
+        fn stars_of_any_shape_keep_their_area(
+            radii in proptest::collection::vec(0.1_f32..10.0, 4..40),
+            plane in 0..4_usize,
+        ) {
+            let count = radii.len() as f32;
+            let points: Vec<[f32; 2]> = radii
+                .iter()
+                .enumerate()
+                .map(|(i, radius)| {
+                    let angle = i as f32 / count * std::f32::consts::TAU;
+                    (glam::Vec2::from_angle(angle) * *radius).to_array()
+                })
+                .collect();
+            let corners = in_plane(&points, PLANES[plane]);
+            // The area vector of a flat polygon; f64 as the test's reference.
+            let next = corners.iter().cycle().skip(1);
+            let origin = corners[0].as_dvec3();
+            let vector: DVec3 = corners
+                .iter()
+                .zip(next)
+                .map(|(a, b)| (a.as_dvec3() - origin).cross(b.as_dvec3() - origin))
+                .sum();
+            let expected = 0.5 * vector.length();
+            let found = total_area(&corners);
+            proptest::prop_assert!((found / expected - 1.0).abs() < 1e-4, "{} {}", found, expected);
+        }
+    }
+
     #[test]
     fn convex_polygons_become_fans() {
         let corners: Vec<Vec3> = (0..100)
