@@ -61,7 +61,7 @@ pub(super) fn build() -> Scene {
     stage.aimed_light(
         "sun",
         LightKind::Directional,
-        [17.0, 15.4, 12.9],
+        [15.5, 14.9, 13.8],
         [-2.6, 12.0, -4.2],
         [0.0, 0.0, 0.0],
     );
@@ -70,7 +70,7 @@ pub(super) fn build() -> Scene {
         .zip(furnishing::CHANDELIERS)
     {
         let below = furnishing::CHANDELIER_RING - 0.4;
-        stage.point_light(name, [x, below, 0.0], [40.0, 33.0, 24.0]);
+        stage.point_light(name, [x, below, 0.0], [38.0, 34.5, 29.0]);
     }
     stage.camera("camera_main", [-11.0, 1.95, -1.55], [0.0, 3.75, 0.45], 60.0);
     stage.finish()

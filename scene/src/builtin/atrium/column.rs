@@ -82,7 +82,7 @@ fn leaf(column: &mut Shape, turn: f32, foot: f32, height: f32, width: f32) {
         let out = 0.20 + 0.03 * t + 0.09 * bend * bend + 0.012 * (1.0 - across.abs());
         let y = foot + height * (t - 0.28 * bend * bend);
         let half = 0.5 * width * (0.75 + 0.5 * t - 1.05 * t.powi(4));
-        Vec3::new(out, y, across * -half)
+        Vec3::new(out, y, across * half)
     });
 }
 

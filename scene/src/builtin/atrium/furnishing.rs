@@ -65,14 +65,14 @@ fn curtain(name: &str, materials: &Materials, color: usize) -> Shape {
         }
     };
     let shift = 0.37 * color as f32;
-    curtain.grid([60, 8], [false; 2], |i, j| {
-        let (u, v) = (i as f32 / 60.0, 1.0 - j as f32 / 8.0);
+    curtain.grid([34, 14], [false; 2], |i, j| {
+        let (u, v) = (i as f32 / 34.0, 1.0 - j as f32 / 14.0);
         let w = width(v);
         // The narrower it is, the deeper its folds.
-        let depth = 0.024 + 0.024 * (1.0 - w / 0.93);
-        let folds = (TAU * (5.5 * u + shift) + 0.8 * (4.0 * v + shift).sin()).sin();
+        let depth = 0.028 + 0.03 * (1.0 - w / 0.93);
+        let folds = (TAU * (4.5 * u + shift) + 0.8 * (4.0 * v + shift).sin()).sin();
         let wave = folds + 0.25 * (TAU * 2.3 * u + 5.0 * v).sin();
-        let x = -0.95 + w * u + 0.02 * (TAU * 5.5 * u + 1.0).cos();
+        let x = -0.95 + w * u;
         // Cloth that goes aside hangs lower between rod and cord.
         let sag = 0.12 * u * (PI * (v / tied).min(1.0)).sin();
         Vec3::new(x, -height * v - sag * (1.0 - v), depth * wave)
