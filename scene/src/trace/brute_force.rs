@@ -73,7 +73,7 @@ impl BruteForceTracer {
         let shear = Shear::new(ray);
         let mut closest: Option<Hit> = None;
         for triangle in &self.triangles {
-            let Some((t, uv)) = shear.intersect(triangle.corners) else {
+            let Some((t, uv)) = shear.intersect(&triangle.corners) else {
                 continue;
             };
             // Of hits at the same distance the first in scene order counts, for every exact tracer.

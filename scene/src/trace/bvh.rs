@@ -104,6 +104,20 @@ impl BvhTracer {
         self.trace_with::<ANY, _>(avx2, ray, start)
     }
 
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
+    fn trace_all_avx2<const ANY: bool, T>(
+        &self,
+        avx2: kernel::Avx2,
+        rays: &[Ray],
+        answers: &mut [T],
+        answer: fn(&Found) -> T,
+    ) {
+        for (ray, slot) in rays.iter().zip(answers) {
+            *slot = answer(&self.trace_with::<ANY, _>(avx2, ray, SurfaceId::UNKNOWN));
+        }
+    }
+
     #[inline]
     fn trace<const ANY: bool>(&self, ray: &Ray, start: SurfaceId) -> Found {
         #[cfg(target_arch = "x86_64")]
@@ -113,6 +127,24 @@ impl BvhTracer {
             return unsafe { self.trace_avx2::<ANY>(avx2, ray, start) };
         }
         self.trace_with::<ANY, _>(Portable, ray, start)
+    }
+
+    fn trace_all<const ANY: bool, T>(
+        &self,
+        rays: &[Ray],
+        answers: &mut [T],
+        answer: fn(&Found) -> T,
+    ) {
+        assert_eq!(rays.len(), answers.len(), "one answer per ray");
+        #[cfg(target_arch = "x86_64")]
+        if let Some(avx2) = self.avx2 {
+            #[expect(unsafe_code, reason = "SIMD instructions")]
+            // SAFETY: the token proves that the instructions exist.
+            return unsafe { self.trace_all_avx2::<ANY, T>(avx2, rays, answers, answer) };
+        }
+        for (ray, slot) in rays.iter().zip(answers) {
+            *slot = answer(&self.trace_with::<ANY, _>(Portable, ray, SurfaceId::UNKNOWN));
+        }
     }
 }
 
@@ -135,6 +167,14 @@ impl Tracer for BvhTracer {
 
     fn any_hit_from(&self, ray: &Ray, start: SurfaceId) -> bool {
         self.trace::<true>(ray, start).hit().is_some()
+    }
+
+    fn closest_hits(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        self.trace_all::<false, _>(rays, hits, Found::hit);
+    }
+
+    fn any_hits(&self, rays: &[Ray], hits: &mut [bool]) {
+        self.trace_all::<true, _>(rays, hits, |found| found.hit().is_some());
     }
 }
 

@@ -18,11 +18,12 @@ use super::Ray;
 /// A ray made ready for triangle tests (Woop et al. §3.2 and listing 1).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Shear {
-    pub(crate) origin: Vec3,
-    /// The axes: `axes[2]` is the one along which the direction is longest.
+    /// The axes x, y, z of the test: the direction is longest along the third.
     pub(crate) axes: [usize; 3],
+    /// By axis of the test.
+    pub(crate) origin: [f32; 3],
     /// Shear of the first two axes per unit of the third.
-    pub(crate) slope: Vec2,
+    pub(crate) slope: [f32; 2],
     /// The direction along the third axis.
     depth: f64,
 }
@@ -30,31 +31,32 @@ pub(crate) struct Shear {
 impl Shear {
     #[inline]
     pub(crate) fn new(ray: &Ray) -> Self {
-        let d = ray.direction;
-        let kz = d.abs().max_position();
+        let (o, d) = (ray.origin.to_array(), ray.direction.to_array());
+        let kz = ray.direction.abs().max_position() % 3;
         let (kx, ky) = ((kz + 1) % 3, (kz + 2) % 3);
         Self {
-            origin: ray.origin,
             axes: [kx, ky, kz],
-            slope: Vec2::new(d[kx] / d[kz], d[ky] / d[kz]),
+            origin: [o[kx], o[ky], o[kz]],
+            slope: [d[kx] / d[kz], d[ky] / d[kz]],
             depth: f64::from(d[kz]),
         }
     }
 
     /// Distance and barycentric coordinates of the point where the ray's line meets a triangle, from either side.
     #[inline]
-    pub(crate) fn intersect(&self, corners: [Vec3; 3]) -> Option<(f32, Vec2)> {
-        if self.is_candidate(corners) {
-            self.intersect_candidate(corners)
+    pub(crate) fn intersect(&self, corners: &[Vec3; 3]) -> Option<(f32, Vec2)> {
+        let coordinate = |corner: usize, axis: usize| corners[corner][axis];
+        if self.is_candidate(coordinate) {
+            self.intersect_candidate(coordinate)
         } else {
             None
         }
     }
 
-    /// Whether 32 bits do not reject a triangle.
+    /// Whether 32 bits do not reject the triangle of these coordinates by corner and axis.
     #[inline]
-    pub(crate) fn is_candidate(&self, corners: [Vec3; 3]) -> bool {
-        let [a, b, c] = self.sheared(corners);
+    pub(crate) fn is_candidate(&self, coordinate: impl Fn(usize, usize) -> f32) -> bool {
+        let [a, b, c] = self.sheared(coordinate);
         let u = c.x * b.y - c.y * b.x;
         let v = a.x * c.y - a.y * c.x;
         let w = b.x * a.y - b.y * a.x;
@@ -63,40 +65,42 @@ impl Shear {
 
     /// As [`intersect`](Self::intersect) for a triangle that 32 bits have not rejected.
     #[inline]
-    pub(crate) fn intersect_candidate(&self, corners: [Vec3; 3]) -> Option<(f32, Vec2)> {
-        exact(self.sheared(corners), self.depth)
+    pub(crate) fn intersect_candidate(
+        &self,
+        coordinate: impl Fn(usize, usize) -> f32,
+    ) -> Option<(f32, Vec2)> {
+        let [a, b, c] = self.sheared(coordinate);
+        // The products are exact.
+        let edge =
+            |p: Vec3, q: Vec3| f64::from(p.x) * f64::from(q.y) - f64::from(p.y) * f64::from(q.x);
+        let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
+        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+            return None;
+        }
+        let det = u + v + w;
+        if det == 0.0 {
+            return None;
+        }
+        let z = u * f64::from(a.z) + v * f64::from(b.z) + w * f64::from(c.z);
+        let inverse = 1.0 / det;
+        let uv = Vec2::new((v * inverse) as f32, (w * inverse) as f32);
+        Some(((z / (det * self.depth)) as f32, uv))
     }
 
     /// The corners relative to the origin: x and y sheared, z as it is.
     #[inline]
-    fn sheared(&self, corners: [Vec3; 3]) -> [Vec3; 3] {
+    fn sheared(&self, coordinate: impl Fn(usize, usize) -> f32) -> [Vec3; 3] {
         let [kx, ky, kz] = self.axes;
-        corners.map(|corner| {
-            let local = corner - self.origin;
-            let (x, y, z) = (local[kx], local[ky], local[kz]);
-            Vec3::new(x - self.slope.x * z, y - self.slope.y * z, z)
-        })
+        let [ox, oy, oz] = self.origin;
+        let [sx, sy] = self.slope;
+        let sheared = |corner: usize| {
+            let x = coordinate(corner, kx) - ox;
+            let y = coordinate(corner, ky) - oy;
+            let z = coordinate(corner, kz) - oz;
+            Vec3::new(x - sx * z, y - sy * z, z)
+        };
+        [sheared(0), sheared(1), sheared(2)]
     }
-}
-
-/// Decides in 64 bits; `depth` is the direction along z.
-#[inline]
-fn exact([a, b, c]: [Vec3; 3], depth: f64) -> Option<(f32, Vec2)> {
-    let edge = |p: Vec3, q: Vec3| f64::from(p.x) * f64::from(q.y) - f64::from(p.y) * f64::from(q.x);
-    let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
-    if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
-        return None;
-    }
-    let det = u + v + w;
-    if det == 0.0 {
-        return None;
-    }
-    let z = u * f64::from(a.z) + v * f64::from(b.z) + w * f64::from(c.z);
-    let inverse = 1.0 / det;
-    Some((
-        (z / (det * depth)) as f32,
-        Vec2::new((v * inverse) as f32, (w * inverse) as f32),
-    ))
 }
 
 /// What x86's `minps` gives, also for NaN, so that SIMD and scalar code agree on every input.
@@ -129,7 +133,7 @@ mod tests {
             Vec3::new(-1.0, 2.0, -30.0),
         ] {
             let ray = Ray::new(origin, target - origin);
-            let (t, uv) = Shear::new(&ray).intersect(corners).expect("aimed at it");
+            let (t, uv) = Shear::new(&ray).intersect(&corners).expect("aimed at it");
             assert!(
                 (t - 1.0).abs() < 1e-5 && (uv - Vec2::new(0.5, 0.3)).length() < 1e-5,
                 "{t} {uv}"

@@ -33,11 +33,10 @@ pub(crate) struct Triangle {
 }
 
 impl Block {
-    /// The corners of one triangle.
+    /// The coordinates of one triangle by corner and axis.
     #[inline]
-    pub(crate) fn triangle(&self, lane: usize) -> [Vec3; 3] {
-        self.corners
-            .map(|[x, y, z]| Vec3::new(x[lane], y[lane], z[lane]))
+    pub(crate) fn triangle(&self, lane: usize) -> impl Fn(usize, usize) -> f32 {
+        move |corner, axis| self.corners[corner][axis][lane]
     }
 }
 

@@ -56,7 +56,7 @@ impl Kernel for Portable {
     fn enter(self, ray: &Slabs, node: &Node, limit: f32) -> (u32, [Entry; WIDTH]) {
         let (mut enter, mut leave) = ([ray.start; WIDTH], [limit; WIDTH]);
         for axis in 0..3 {
-            let down = usize::from(ray.down[axis]);
+            let down = ray.down(axis);
             let [near, far] = [down, 1 - down].map(|face| &node.bounds[axis][face]);
             let (inverse, lower, upper) = (ray.inverse[axis], ray.near[axis], ray.far[axis]);
             for child in 0..WIDTH {

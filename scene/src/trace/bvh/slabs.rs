@@ -19,7 +19,7 @@
 //! Distances are counted in units of the direction's largest coordinate, so that no power of ten of the direction
 //! or the scene overflows where the hit itself is a number.
 
-use glam::Vec3;
+use glam::Vec3A;
 
 use crate::{Aabb, Ray};
 
@@ -27,13 +27,13 @@ use crate::{Aabb, Ray};
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Slabs {
     /// Reciprocal direction.
-    pub(crate) inverse: Vec3,
+    pub(crate) inverse: Vec3A,
     /// To be subtracted from near planes times `inverse`.
-    pub(crate) near: Vec3,
+    pub(crate) near: Vec3A,
     /// To be subtracted from far planes times `inverse`.
-    pub(crate) far: Vec3,
-    /// On which axes the ray goes down, so that the upper face of a box is the near one.
-    pub(crate) down: [bool; 3],
+    pub(crate) far: Vec3A,
+    /// A bit for each axis on which the ray goes down, so that the upper face of a box is the near one.
+    down: usize,
     /// Where the ray starts, at least 0.
     pub(crate) start: f32,
     scale: f32,
@@ -43,25 +43,30 @@ impl Slabs {
     /// A ray for the boxes within `bounds`; `rounding` (at least 1) widens the padding.
     #[inline]
     pub(crate) fn new(ray: &Ray, bounds: &Aabb, rounding: f32) -> Self {
-        let scale = ray.direction.abs().max_element();
-        let d = ray.direction / scale;
-        let least = Vec3::splat(power_of_two(-30)).copysign(d);
-        let d = Vec3::select(d.abs().cmplt(least.abs()), least, d);
-        let reach = (bounds.min - ray.origin)
-            .abs()
-            .max((bounds.max - ray.origin).abs());
-        let size = reach.max_element() + ray.origin.abs().max_element();
-        let pad = Vec3::splat(size * rounding * power_of_two(-20)).copysign(d);
+        let (o, d) = (Vec3A::from(ray.origin), Vec3A::from(ray.direction));
+        let scale = d.abs().max_element();
+        let d = d / scale;
+        let least = Vec3A::splat(power_of_two(-30));
+        let d = Vec3A::select(d.abs().cmplt(least), least.copysign(d), d);
+        let (low, high) = (Vec3A::from(bounds.min), Vec3A::from(bounds.max));
+        let size = ((low - o).abs().max((high - o).abs())).max_element() + o.abs().max_element();
+        let pad = Vec3A::splat(size * rounding * power_of_two(-20)).copysign(d);
         let inverse = d.recip();
         let start = ray.t_min * scale;
         Self {
             inverse,
-            near: (ray.origin + pad) * inverse,
-            far: (ray.origin - pad) * inverse,
-            down: d.to_array().map(f32::is_sign_negative),
+            near: (o + pad) * inverse,
+            far: (o - pad) * inverse,
+            down: d.is_negative_bitmask() as usize,
             start: (start - slack(start)).max(0.0),
             scale,
         }
+    }
+
+    /// Whether the upper face of boxes is the near one, as 0 or 1.
+    #[inline]
+    pub(crate) fn down(&self, axis: usize) -> usize {
+        self.down >> axis & 1
     }
 
     /// A distance along the ray in the units of the box tests, rounded up.

@@ -3,7 +3,7 @@
 
 use std::{arch::x86_64::*, mem::MaybeUninit};
 
-use glam::Vec3;
+use glam::Vec3A;
 
 use super::Kernel;
 use crate::trace::{
@@ -80,19 +80,18 @@ impl Kernel for Avx2 {
 #[inline]
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
 fn boxes(slabs: &Slabs) -> Boxes {
-    let splat = |v: Vec3| {
+    let splat = |v: Vec3A| {
         [
             _mm256_set1_ps(v.x),
             _mm256_set1_ps(v.y),
             _mm256_set1_ps(v.z),
         ]
     };
-    let [x, y, z] = slabs.down;
     Boxes {
         inverse: splat(slabs.inverse),
         near: splat(slabs.near),
         far: splat(slabs.far),
-        down: [usize::from(x), usize::from(y), usize::from(z)],
+        down: [slabs.down(0), slabs.down(1), slabs.down(2)],
         start: _mm256_set1_ps(slabs.start),
     }
 }
@@ -100,12 +99,12 @@ fn boxes(slabs: &Slabs) -> Boxes {
 #[inline]
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
 fn triangles(shear: &Shear) -> Triangles {
-    let [x, y, z] = shear.axes;
-    let origin = |axis: usize| _mm256_set1_ps(shear.origin[axis]);
+    let [x, y, z] = shear.origin;
+    let [slope_x, slope_y] = shear.slope;
     Triangles {
-        origin: [origin(x), origin(y), origin(z)],
-        slope: [_mm256_set1_ps(shear.slope.x), _mm256_set1_ps(shear.slope.y)],
-        axes: [x.min(2), y.min(2), z.min(2)],
+        origin: [_mm256_set1_ps(x), _mm256_set1_ps(y), _mm256_set1_ps(z)],
+        slope: [_mm256_set1_ps(slope_x), _mm256_set1_ps(slope_y)],
+        axes: shear.axes,
     }
 }
 
