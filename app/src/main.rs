@@ -1,5 +1,10 @@
 //! The program `isophote`: renders, traces, compares and inspects scenes with every technique.
 
+#![allow(
+    rustdoc::broken_intra_doc_links,
+    reason = "the comments of arguments are their help texts, in which [metres] is a unit"
+)]
+
 mod compare;
 mod devices;
 mod display;

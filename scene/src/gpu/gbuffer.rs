@@ -39,7 +39,7 @@ const FORMATS: [wgpu::TextureFormat; 5] = [
 /// Materials are counted in 16 bits.
 const MOST_MATERIALS: usize = 1 << 16;
 
-/// The layers, as the [module](self) describes them; each a texture of the same size and number of samples.
+/// The layers, as listed below; each a texture of the same size and number of samples.
 #[derive(Clone, Debug)]
 pub struct GBufferViews {
     /// Metres along the viewing direction; any format that is read as floating-point numbers.
