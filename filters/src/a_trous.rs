@@ -30,9 +30,9 @@ const B3: [f32; 5] = [1.0 / 16.0, 0.25, 0.375, 0.25, 1.0 / 16.0];
 /// Cost per pixel and level: 25 weights of about 30 operations, and 25 times 3 operations per channel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ATrous {
-    levels: usize,
+    pub(crate) levels: usize,
     sigma: f32,
-    edges: EdgeStop,
+    pub(crate) edges: EdgeStop,
 }
 
 impl ATrous {
@@ -72,16 +72,21 @@ impl ATrous {
         let mut source = Rows::of(image);
         let mut target = Rows::new(source.width, source.height, source.channels);
         for level in 0..self.levels {
-            let sigma = self.sigma / (1_u32 << level) as f32;
             let alike = Alike {
                 edges: EdgeKernel::from(self.edges),
-                per_square: 1.0 / (sigma * sigma),
+                per_square: self.per_square(level),
             };
             stencil::run(&source, guides, &taps(1 << level), alike, &mut target);
             std::mem::swap(&mut source, &mut target);
         }
         source.interleave(output);
         Ok(())
+    }
+
+    /// 1 / σᵢ².
+    pub(crate) fn per_square(&self, level: usize) -> f32 {
+        let sigma = self.sigma / (1_u32 << level) as f32;
+        1.0 / (sigma * sigma)
     }
 }
 

@@ -30,8 +30,8 @@ const MAX_TILE: usize = 32;
 /// Cost per pixel: m·n comparisons of about 20 operations, and m·n additions per channel. The paper's tile is 3×3.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DiscontinuityBuffer {
-    tile: [usize; 2],
-    thresholds: Thresholds,
+    pub(crate) tile: [usize; 2],
+    pub(crate) thresholds: Thresholds,
 }
 
 /// Up to where two pixels show one surface.

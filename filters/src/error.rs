@@ -1,11 +1,11 @@
-//! What can go wrong before a filter runs; nothing can while it does.
+//! What can go wrong before a filter runs; on the processor nothing can while it does.
 
 /// Result of this crate's fallible functions.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// Parameters out of range and images that do not fit together.
 #[non_exhaustive]
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A parameter is out of its range.
     #[error("{name} is {value}: {expected}")]
@@ -47,6 +47,10 @@ pub enum Error {
         /// Those it has.
         found: [usize; 3],
     },
+    /// A device failed, or a texture has not the usage or the format that is needed.
+    #[cfg(feature = "gpu")]
+    #[error(transparent)]
+    Gpu(#[from] isophote_scene::Error),
 }
 
 /// An error unless a parameter is in its range.

@@ -37,7 +37,7 @@ const ROWS_PER_TASK: usize = 4 * BLOCK;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gaussian {
     /// g(−r) … g(r), normalised.
-    weights: Vec<f32>,
+    pub(crate) weights: Vec<f32>,
 }
 
 impl Default for Gaussian {

@@ -200,9 +200,9 @@ impl Default for EdgeStop {
 /// [`EdgeStop`] as kernels use it: w = max(0, cos θ)^`cosine` · e^(`exponent`).
 #[derive(Clone, Copy)]
 pub(crate) struct EdgeKernel {
-    cosine: bool,
-    per_normal: f32,
-    per_depth: f32,
+    pub(crate) cosine: bool,
+    pub(crate) per_normal: f32,
+    pub(crate) per_depth: f32,
 }
 
 impl From<EdgeStop> for EdgeKernel {

@@ -26,7 +26,7 @@ use crate::{
 /// times the square of the reach where it is needed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointBilateral {
-    upsampling: Upsampling,
+    pub(crate) upsampling: Upsampling,
 }
 
 /// Which samples around a pixel count, and the Gaussian f that weighs them by their distance.

@@ -5,6 +5,8 @@ mod camera;
 mod discontinuity;
 mod error;
 mod gaussian;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod guides;
 mod image;
 mod joint_bilateral;

@@ -28,7 +28,7 @@ use crate::{
 /// r = 2.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SinglePass {
-    upsampling: Upsampling,
+    pub(crate) upsampling: Upsampling,
 }
 
 impl SinglePass {

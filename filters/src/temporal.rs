@@ -12,6 +12,8 @@ use crate::{
 
 /// Least part of the four pixels around the place in the picture before that must show the same surface.
 const LEAST_FOUND: f32 = 0.01;
+/// A place that is in no picture, and a depth that no surface has.
+const NOWHERE: [f32; 3] = [-1e9, -1e9, 0.0];
 
 /// Temporal accumulation with reprojection (Nehab et al. 2007) and history rejection.
 ///
@@ -33,7 +35,7 @@ const LEAST_FOUND: f32 = 0.01;
 /// per channel with the clamp. A history takes 28 bytes a pixel and 4 per channel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Temporal {
-    params: TemporalParams,
+    pub(crate) params: TemporalParams,
 }
 
 /// What [`Temporal`] can be told.
@@ -119,7 +121,7 @@ impl Temporal {
     ///
     /// `motion` has three channels: where the pixel's surface was in the picture before, in pixels from its top left
     /// corner (pixel centres are at one half), and its depth there, of the kind that [`Guides::new`] takes;
-    /// [`camera_motion`] makes it. A place that is not finite has no history. Normals must be in a space that does not
+    /// [`camera_motion`] makes it. A place outside the picture has no history, a depth of 0 or any other that no surface has is background. Normals must be in a space that does not
     /// move with the camera.
     ///
     /// # Errors
@@ -252,7 +254,7 @@ impl Temporal {
 /// Where the surfaces of a still scene were in the picture before: what [`Temporal::apply`] takes as motion.
 ///
 /// `depths` are distances along the viewing direction of `now`, in the unit of the cameras' positions. Background is
-/// taken to be infinitely far away. What was behind the camera has no place (NaN).
+/// taken to be infinitely far away. What was behind the camera is given a place outside.
 ///
 /// Cost per pixel: about 40 operations.
 ///
@@ -267,11 +269,11 @@ pub fn camera_motion(depths: ImageView<'_>, now: &Pinhole, before: &Pinhole) -> 
         let ray = now.ray([x as f32 + 0.5, y as f32 + 0.5], size);
         if inverse_depth(depth) > 0.0 {
             let point = std::array::from_fn(|axis| ray[axis] * depth + moved[axis]);
-            return before.project(point, size).unwrap_or([f32::NAN; 3]);
+            return before.project(point, size).unwrap_or(NOWHERE);
         }
         match before.project(ray, size) {
-            Some([x, y, _]) => [x, y, f32::INFINITY],
-            None => [f32::NAN; 3],
+            Some([x, y, _]) => [x, y, 0.0],
+            None => NOWHERE,
         }
     };
     let mut motion = vec![0.0; 3 * width * height];

@@ -1,0 +1,49 @@
+//! The filters as compute passes on wgpu textures of any renderer: twins of those for slices, of the same names.
+//!
+//! 1. [`Guides`] prepares normals and depths, once per picture.
+//! 2. A filter is made of its twin, so that its parameters have been checked, for pictures of one size.
+//! 3. `record` adds its passes to the caller's [`CommandEncoder`](wgpu::CommandEncoder); nothing is submitted or read
+//!    back.
+//!
+//! Inputs may be of any format that `textureLoad` reads as floats (`Rgba16Float`, `Rgba32Float`, `R32Float`, …) and
+//! need the usage `TEXTURE_BINDING`. Outputs are of one of two formats, see [`Format`], and need `STORAGE_BINDING`;
+//! [`texture`] makes one. Pictures have four channels here. The devices need nothing beyond WebGPU's defaults.
+//!
+//! Results agree with those of the twins within 10⁻⁴ of the values' range, in `Rgba32Float`.
+
+mod a_trous;
+mod discontinuity;
+mod gaussian;
+mod guides;
+mod pass;
+mod temporal;
+mod upsample;
+
+use isophote_scene::{gpu::ShaderPackage, shader_package};
+
+pub use self::{
+    a_trous::ATrous,
+    discontinuity::DiscontinuityBuffer,
+    gaussian::Gaussian,
+    guides::Guides,
+    pass::{Format, texture},
+    temporal::{CameraMotion, Temporal},
+    upsample::{JointBilateral, SinglePass},
+};
+
+/// The WESL modules of this crate.
+pub const SHADERS: ShaderPackage = shader_package!(
+    "filters",
+    [
+        "a_trous",
+        "camera_motion",
+        "discontinuity",
+        "edges",
+        "gaussian",
+        "guides",
+        "output",
+        "prepare_guides",
+        "temporal",
+        "upsample",
+    ]
+);

@@ -1,0 +1,72 @@
+//! Twin of the slices' [`DiscontinuityBuffer`](crate::DiscontinuityBuffer).
+
+use bytemuck::{Pod, Zeroable};
+use isophote_scene::gpu::Context;
+use wgpu::{BindingResource, TextureView};
+
+use super::{
+    guides::{Guides, SLOTS},
+    pass::{Format, Pass, Slot, expect_size},
+};
+use crate::Result;
+
+/// Joins the tiles of interleaved sampling. Twin of [`crate::DiscontinuityBuffer`].
+#[derive(Debug)]
+pub struct DiscontinuityBuffer(Pass);
+
+/// `Params` of discontinuity.wesl.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Params {
+    tile: [i32; 2],
+    cosine: f32,
+    depth: f32,
+}
+
+impl DiscontinuityBuffer {
+    /// A filter for pictures of any size.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`](crate::Error::Gpu) when the device fails.
+    pub fn new(
+        context: &Context,
+        filter: &crate::DiscontinuityBuffer,
+        format: Format,
+    ) -> Result<Self> {
+        let params = Params {
+            tile: filter.tile.map(|side| side as i32),
+            cosine: filter.thresholds.cosine(),
+            depth: filter.thresholds.depth.min(f32::MAX),
+        };
+        let mut slots = vec![(1, Slot::Texture), (2, Slot::Output(format.texture()))];
+        slots.extend(SLOTS);
+        let entry_point = ["discontinuity", "join_tiles"];
+        Ok(Self(Pass::new(
+            context,
+            entry_point,
+            format,
+            &params,
+            &slots,
+        )?))
+    }
+
+    /// Filters `image` into `output`, both of the size of the guides.
+    ///
+    /// # Errors
+    /// [`Error::Size`](crate::Error::Size) and [`Error::Gpu`](crate::Error::Gpu) when the textures do not fit.
+    pub fn record(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        image: &TextureView,
+        guides: &Guides,
+        output: &TextureView,
+    ) -> Result<()> {
+        expect_size("the image", image, guides.size())?;
+        expect_size("the output", output, guides.size())?;
+        let [image, output] = [image, output].map(BindingResource::TextureView);
+        let [surfaces, slopes] = guides.resources();
+        let resources = [image, output, surfaces, slopes];
+        self.0.record(context, encoder, guides.size(), &resources)
+    }
+}
