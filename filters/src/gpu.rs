@@ -10,6 +10,18 @@
 //! [`texture`] makes one. Pictures have four channels here. The devices need nothing beyond WebGPU's defaults.
 //!
 //! Results agree with those of the twins within 10⁻⁴ of the values' range, in `Rgba32Float`.
+//!
+//! Formulas and arithmetic are the twins'. What costs time here are the texels that are read; per pixel:
+//!
+//! | pass | texels read |
+//! |---|---|
+//! | [`Guides`], [`CameraMotion`] | 2; 1 |
+//! | [`Gaussian`] of width n | 2n; guided 4n + 4 |
+//! | [`JointBilateral`] of radius r | 12r² + 2; where nothing near is alike 12 · reach² + 4r² + 2 |
+//! | [`SinglePass`] over m×n tiles | m·n times as many |
+//! | [`DiscontinuityBuffer`] over m×n tiles | 2mn + 2 |
+//! | [`ATrous`] | 53 a level |
+//! | [`Temporal`] | 20, with a clamp 30 |
 
 mod a_trous;
 mod discontinuity;

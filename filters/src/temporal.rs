@@ -121,8 +121,8 @@ impl Temporal {
     ///
     /// `motion` has three channels: where the pixel's surface was in the picture before, in pixels from its top left
     /// corner (pixel centres are at one half), and its depth there, of the kind that [`Guides::new`] takes;
-    /// [`camera_motion`] makes it. A place outside the picture has no history, a depth of 0 or any other that no surface has is background. Normals must be in a space that does not
-    /// move with the camera.
+    /// [`camera_motion`] makes it. A place outside the picture has no history; a depth of 0, or any other that no surface
+    /// has, is background. Normals must be in a space that does not move with the camera.
     ///
     /// # Errors
     /// [`Error::Size`](crate::Error::Size) when the images do not fit together.

@@ -48,8 +48,13 @@ impl ATrous {
                 per_square: filter.per_square(level),
                 padding: [0; 2],
             };
-            let entry_point = ["a_trous", "smooth_level"];
-            Pass::new(context, entry_point, format, &params, &slots)
+            Pass::new(
+                context,
+                ["a_trous", "smooth_level"],
+                format,
+                &params,
+                &slots,
+            )
         };
         let between = || -> Result<TextureView> {
             let texture = texture(context, "between levels", size, format.texture())?;

@@ -40,14 +40,8 @@ impl DiscontinuityBuffer {
         };
         let mut slots = vec![(1, Slot::Texture), (2, Slot::Output(format.texture()))];
         slots.extend(SLOTS);
-        let entry_point = ["discontinuity", "join_tiles"];
-        Ok(Self(Pass::new(
-            context,
-            entry_point,
-            format,
-            &params,
-            &slots,
-        )?))
+        let shader = ["discontinuity", "join_tiles"];
+        Ok(Self(Pass::new(context, shader, format, &params, &slots)?))
     }
 
     /// Filters `image` into `output`, both of the size of the guides.

@@ -8,7 +8,7 @@ use super::{
     guides::{Guides, SLOTS},
     pass::{EdgeParams, Format, Pass, Slot, expect_size, texture, whole},
 };
-use crate::{EdgeStop, Result};
+use crate::{EdgeStop, Result, error::require};
 
 /// A Gaussian blur of pictures of one size, plain or stopped at edges. Twin of [`crate::Gaussian`].
 #[derive(Debug)]
@@ -94,12 +94,15 @@ impl Gaussian {
         expect_size("the image", image, self.size)?;
         expect_size("the output", output, self.size)?;
         let guides = guides.filter(|_| self.is_guided);
-        crate::error::require(
-            guides.is_some() == self.is_guided && guides.is_none_or(|g| g.size() == self.size),
+        require(
+            guides.is_some() == self.is_guided,
             "the Gaussian's guides",
-            "missing or of another size",
-            "a blur that stops at edges needs guides of its size",
+            "missing",
+            "a blur that stops at edges needs them",
         )?;
+        if let Some(guides) = guides {
+            expect_size("the guides", guides.view(), self.size)?;
+        }
         let targets = [(image, &self.half), (&self.half, output)];
         for (pass, (source, target)) in self.passes.iter().zip(targets) {
             let mut resources = vec![
