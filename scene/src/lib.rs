@@ -52,7 +52,8 @@ pub use self::{
     texture::{ColorSpace, Filter, Texture, Wrap, linear_to_srgb, srgb_to_linear},
     trace::{
         Answers, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Directions, Hit,
-        ParallelTracer, Ray, Selection, SurfaceId, Tracer,
+        ParallelTracer, Ray, Selection, Shear, SurfaceId, Tracer, WorldTriangle, check_transforms,
+        world_triangles,
     },
 };
 

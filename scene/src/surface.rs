@@ -134,16 +134,24 @@ impl Scene {
             unlit: material.unlit,
         }
     }
-}
 
-/// Whether a ray stops at a triangle's point: always, unless its material is masked and transparent there.
-#[inline]
-pub(crate) fn alpha_passes(scene: &Scene, surface: SurfaceId, uv: Vec2) -> bool {
-    let mesh = scene.mesh(&scene.instances[surface.instance as usize]);
-    let material = &scene.materials[mesh.triangle_materials[surface.primitive as usize] as usize];
-    match material.alpha {
-        Alpha::Opaque => true,
-        Alpha::Mask { cutoff } => alpha(scene, mesh, material, surface.primitive, uv) >= cutoff,
+    /// Whether a ray stops at a triangle's point: always, unless its material is masked and transparent there.
+    #[inline]
+    pub fn alpha_passes(&self, surface: SurfaceId, uv: Vec2) -> bool {
+        let mesh = self.mesh(&self.instances[surface.instance as usize]);
+        let material =
+            &self.materials[mesh.triangle_materials[surface.primitive as usize] as usize];
+        match material.alpha {
+            Alpha::Opaque => true,
+            Alpha::Mask { cutoff } => alpha(self, mesh, material, surface.primitive, uv) >= cutoff,
+        }
+    }
+
+    /// Whether a triangle's material may let rays pass, so that [`alpha_passes`](Self::alpha_passes) must be asked.
+    pub fn is_masked(&self, surface: SurfaceId) -> bool {
+        let mesh = self.mesh(&self.instances[surface.instance as usize]);
+        let material = mesh.triangle_materials[surface.primitive as usize];
+        matches!(self.materials[material as usize].alpha, Alpha::Mask { .. })
     }
 }
 

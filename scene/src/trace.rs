@@ -18,8 +18,9 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, Vec2, Vec3};
 
 pub use self::{
-    brute_force::BruteForceTracer,
+    brute_force::{BruteForceTracer, WorldTriangle, check_transforms, world_triangles},
     bvh::{BvhOptions, BvhTracer},
+    triangle::Shear,
 };
 use crate::{Aabb, InstanceMask, Result, Scene};
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{Affine3A, Vec3};
 
 use super::{Answers, BuildTracer, Hit, Ray, Selection, SurfaceId, Tracer, triangle::Shear};
-use crate::{Aabb, Error, Result, Scene, surface::alpha_passes};
+use crate::{Aabb, Error, Result, Scene};
 
 /// Tests every triangle, so that nothing can be missed. For checking other tracers on small scenes.
 #[derive(Clone, Debug)]
@@ -15,14 +15,17 @@ pub struct BruteForceTracer {
     triangles: Vec<WorldTriangle>,
 }
 
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct WorldTriangle {
-    pub(crate) corners: [Vec3; 3],
-    pub(crate) surface: SurfaceId,
+/// A triangle in the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WorldTriangle {
+    /// Metres.
+    pub corners: [Vec3; 3],
+    /// Which triangle it is.
+    pub surface: SurfaceId,
 }
 
-/// The selected triangles in world space, in the order of instances and primitives.
-pub(crate) fn world_triangles(
+/// The selected triangles in world space, in the order of instances and primitives; one transform per instance.
+pub fn world_triangles(
     scene: &Scene,
     transforms: &[Affine3A],
     selection: &Selection,
@@ -54,7 +57,10 @@ pub(crate) fn world_triangles(
 }
 
 /// The transforms of a scene's instances must be one each.
-pub(crate) fn check_transforms(scene: &Scene, transforms: &[Affine3A]) -> Result<()> {
+///
+/// # Errors
+/// [`Error::Parameter`] when their number is another.
+pub fn check_transforms(scene: &Scene, transforms: &[Affine3A]) -> Result<()> {
     if transforms.len() == scene.instances.len() {
         return Ok(());
     }
@@ -81,7 +87,7 @@ impl BruteForceTracer {
             if t > ray.t_min
                 && t < limit
                 && triangle.surface != start
-                && alpha_passes(&self.scene, triangle.surface, uv)
+                && self.scene.alpha_passes(triangle.surface, uv)
             {
                 closest = Some(Hit {
                     t,

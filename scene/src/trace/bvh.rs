@@ -29,7 +29,7 @@ use super::{
     Answers, BuildTracer, Hit, Ray, Selection, SurfaceId, Tracer,
     brute_force::{check_transforms, world_triangles},
 };
-use crate::{Alpha, Error, Result, Scene};
+use crate::{Error, Result, Scene};
 
 /// What can be chosen when building a [`BvhTracer`].
 #[derive(Clone, Debug, Default)]
@@ -55,7 +55,7 @@ fn flat_tree(
         .map(|triangle| Triangle {
             corners: triangle.corners,
             surface: triangle.surface,
-            masked: is_masked(scene, triangle.surface),
+            masked: scene.is_masked(triangle.surface),
         })
         .collect();
     if triangles.is_empty() {
@@ -64,12 +64,6 @@ fn flat_tree(
         });
     }
     Ok(TriangleTree::new(&triangles))
-}
-
-pub(crate) fn is_masked(scene: &Scene, surface: SurfaceId) -> bool {
-    let mesh = scene.mesh(&scene.instances[surface.instance as usize]);
-    let material = mesh.triangle_materials[surface.primitive as usize];
-    matches!(scene.materials[material as usize].alpha, Alpha::Mask { .. })
 }
 
 impl BvhTracer {

@@ -16,21 +16,25 @@ use glam::{Vec2, Vec3};
 use super::Ray;
 
 /// A ray made ready for triangle tests (Woop et al. §3.2 and listing 1).
+///
+/// Every tracer that tests triangles with it finds the same hits as [`BruteForceTracer`](crate::BruteForceTracer),
+/// bit by bit.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Shear {
+pub struct Shear {
     /// The axes x, y, z of the test: the direction is longest along the third.
-    pub(crate) axes: [usize; 3],
+    pub axes: [usize; 3],
     /// By axis of the test.
-    pub(crate) origin: [f32; 3],
+    pub origin: [f32; 3],
     /// Shear of the first two axes per unit of the third.
-    pub(crate) slope: [f32; 2],
+    pub slope: [f32; 2],
     /// The direction along the third axis.
     depth: f64,
 }
 
 impl Shear {
+    /// Makes a valid ray ready.
     #[inline]
-    pub(crate) fn new(ray: &Ray) -> Self {
+    pub fn new(ray: &Ray) -> Self {
         let (o, d) = (ray.origin.to_array(), ray.direction.to_array());
         let kz = ray.direction.abs().max_position() % 3;
         let (kx, ky) = ((kz + 1) % 3, (kz + 2) % 3);
@@ -44,7 +48,7 @@ impl Shear {
 
     /// Distance and barycentric coordinates of the point where the ray's line meets a triangle, from either side.
     #[inline]
-    pub(crate) fn intersect(&self, corners: &[Vec3; 3]) -> Option<(f32, Vec2)> {
+    pub fn intersect(&self, corners: &[Vec3; 3]) -> Option<(f32, Vec2)> {
         let coordinate = |corner: usize, axis: usize| corners[corner][axis];
         if self.is_candidate(coordinate) {
             self.intersect_candidate(coordinate)
@@ -55,7 +59,7 @@ impl Shear {
 
     /// Whether 32 bits do not reject the triangle of these coordinates by corner and axis.
     #[inline]
-    pub(crate) fn is_candidate(&self, coordinate: impl Fn(usize, usize) -> f32) -> bool {
+    pub fn is_candidate(&self, coordinate: impl Fn(usize, usize) -> f32) -> bool {
         let [a, b, c] = self.sheared(coordinate);
         let u = c.x * b.y - c.y * b.x;
         let v = a.x * c.y - a.y * c.x;
@@ -65,7 +69,7 @@ impl Shear {
 
     /// As [`intersect`](Self::intersect) for a triangle that 32 bits have not rejected.
     #[inline]
-    pub(crate) fn intersect_candidate(
+    pub fn intersect_candidate(
         &self,
         coordinate: impl Fn(usize, usize) -> f32,
     ) -> Option<(f32, Vec2)> {

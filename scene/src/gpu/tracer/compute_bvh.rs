@@ -18,7 +18,6 @@ use crate::{
         brute_force::{WorldTriangle, check_transforms, world_triangles},
         bvh::{
             binary::BinaryTree,
-            is_masked,
             wide::{Costs, WideTree},
         },
     },
@@ -159,7 +158,7 @@ fn encode_tree(binary: &BinaryTree) -> Encoded {
 
 /// What the shader knows of a triangle.
 fn face(scene: &Scene, triangle: &WorldTriangle) -> [[u32; 4]; 3] {
-    let masked = u32::from(is_masked(scene, triangle.surface));
+    let masked = u32::from(scene.is_masked(triangle.surface));
     let extras = [
         triangle.surface.instance,
         triangle.surface.primitive,

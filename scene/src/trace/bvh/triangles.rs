@@ -11,7 +11,7 @@ use super::{
     traverse::{Visitor, walk},
     wide::{Costs, WideTree},
 };
-use crate::{Aabb, Hit, Ray, Scene, SurfaceId, surface::alpha_passes, trace::triangle::Shear};
+use crate::{Aabb, Hit, Ray, Scene, SurfaceId, trace::triangle::Shear};
 
 /// A tree whose leaves are blocks of triangles, all in one space.
 #[derive(Clone, Debug)]
@@ -151,7 +151,7 @@ impl<const ANY: bool, K: Kernel> Visitor for Triangles<'_, ANY, K> {
             if surface == self.question.start
                 || !self.found.is_worse_than(t, surface)
                 || (surfaces.masked >> lane & 1 != 0
-                    && !alpha_passes(self.question.scene, surface, uv))
+                    && !self.question.scene.alpha_passes(surface, uv))
             {
                 continue;
             }
