@@ -4,14 +4,14 @@
 
 mod common;
 
-use common::{Picture, noise, view};
+use common::{Picture, noise, textures, view};
 use isophote_filters::{
     ATrous, DiscontinuityBuffer, EdgeStop, Error, Gaussian, History, ImageView, JointBilateral,
     Neighborhood, NormalWeight, Pinhole, SampleGrid, SinglePass, Temporal, TemporalParams,
     Thresholds, camera_motion, gpu,
 };
 use isophote_scene::gpu::Context;
-use wgpu::{CommandEncoder, TextureFormat, TextureView};
+use wgpu::{CommandEncoder, TextureView};
 
 const TOLERANCE: f32 = 1e-4;
 
@@ -63,57 +63,16 @@ impl Lab {
         ]
     }
 
-    fn upload(&self, values: &[f32], [width, height]: [u32; 2]) -> TextureView {
-        let format = TextureFormat::Rgba32Float;
-        let texture = gpu::texture(&self.context, "input", [width, height], format).unwrap();
-        let layout = wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some(16 * width),
-            rows_per_image: None,
-        };
-        let bytes = bytemuck::cast_slice(values);
-        let extent = texture.size();
-        let queue = self.context.queue();
-        queue.write_texture(texture.as_image_copy(), bytes, layout, extent);
-        texture.create_view(&wgpu::TextureViewDescriptor::default())
+    fn upload(&self, values: &[f32], size: [u32; 2]) -> TextureView {
+        textures::upload(&self.context, values, size)
     }
 
     fn submit(&self, record: impl FnOnce(&mut CommandEncoder)) {
-        let descriptor = wgpu::CommandEncoderDescriptor::default();
-        let mut encoder = self.context.device().create_command_encoder(&descriptor);
-        record(&mut encoder);
-        self.context.submit("filter", encoder).unwrap();
+        textures::submit(&self.context, record);
     }
 
     fn download(&self, view: &TextureView, channels: u32) -> Vec<f32> {
-        let texture = view.texture();
-        let (width, height) = (texture.width(), texture.height());
-        let row = (4 * channels * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-        let buffer = self
-            .context
-            .device()
-            .create_buffer(&wgpu::BufferDescriptor {
-                label: None,
-                size: u64::from(row * height),
-                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
-                mapped_at_creation: false,
-            });
-        self.submit(|encoder| {
-            let target = wgpu::TexelCopyBufferInfo {
-                buffer: &buffer,
-                layout: wgpu::TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(row),
-                    rows_per_image: None,
-                },
-            };
-            encoder.copy_texture_to_buffer(texture.as_image_copy(), target, texture.size());
-        });
-        let count = (row / 4 * height) as usize;
-        let values: Vec<f32> = self.context.read("result", &buffer, count).unwrap();
-        let rows = values.chunks_exact((row / 4) as usize);
-        let used = (channels * width) as usize;
-        rows.flat_map(|row| &row[..used]).copied().collect()
+        textures::download(&self.context, view, channels)
     }
 
     /// What a filter makes of a picture of four channels.

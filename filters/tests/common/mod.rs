@@ -6,6 +6,9 @@
     reason = "every test file takes what it needs of this module, and one may take all"
 )]
 
+#[cfg(feature = "gpu")]
+pub(crate) mod textures;
+
 use isophote_filters::{Guides, ImageView, Pinhole};
 
 /// What a camera at the origin sees.
