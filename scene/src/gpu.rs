@@ -5,7 +5,7 @@
 //! 2. Shaders are WESL. A crate lists its modules in a [`ShaderPackage`]; a [`Linker`] makes one WGSL text of an
 //!    entry module and what it imports, checks it, and says file and line where something is wrong.
 //! 3. [`GpuScene`] holds a scene's vertices, triangles, materials, textures, lights and instances in a few buffers,
-//!    sized against the adapter's limits before anything is created.
+//!    or in textures where the adapter's limits allow no buffers that large.
 //! 4. A [`GpuTracer`] answers rays in shaders: [`ComputeBvhTracer`] on any adapter, [`RayQueryTracer`] where the
 //!    device can trace rays itself, [`RayQueryBoxTracer`] roughly. [`RayBatch`] asks one about rays in bulk.
 //! 5. A [`GBufferPass`] rasterises what a camera sees into the layers of a [`GBuffer`], which may also be another
@@ -37,7 +37,8 @@
 //! | 3 | G-buffer and shadow maps ([`Rasters::bind_group`]) |
 //!
 //! A shader stage may use 8 storage buffers (WebGPU's default): the scene takes 3, a tracer at most 2, so a
-//! technique has 3.
+//! technique has 3. What lies in textures is read by other shaders: a technique tells its [`Linker`] of the scene and
+//! the tracer that it binds.
 
 mod context;
 mod gbuffer;
@@ -50,6 +51,7 @@ mod timer;
 mod tracer;
 mod upload;
 mod view;
+mod words;
 
 pub use self::{
     context::{Adapter, AdapterChoice, Context, adapters},

@@ -326,6 +326,22 @@ fn instances_masks_and_both_projections_agree() {
 }
 
 #[test]
+fn a_scene_in_textures_looks_the_same() {
+    let scene = features();
+    let seen = [u64::MAX, 1 << 16].map(|binding_size| {
+        let context = Context::for_tests_within(wgpu::Features::empty(), binding_size)?;
+        let gpu_scene = GpuScene::new(&context, &scene).unwrap();
+        assert_eq!(gpu_scene.is_in_textures(), binding_size < u64::MAX);
+        Some(see(&context, &gpu_scene, &scene.cameras[0], [16, 12], 4))
+    });
+    if let [Some(usual), Some(in_textures)] = seen {
+        let [usual, in_textures]: [&[u8]; 2] =
+            [&usual, &in_textures].map(|seen| bytemuck::cast_slice(seen));
+        assert!(usual == in_textures);
+    }
+}
+
+#[test]
 fn four_samples_see_what_a_finer_picture_sees() {
     let Some(context) = Context::for_tests() else {
         return;

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use glam::{Affine3A, Vec3};
 use isophote_scene::{
-    Error, Instance, Material, Mesh, Scene, Selection,
+    Camera, Error, Instance, Light, Material, Mesh, Scene, Selection,
     gpu::{
         BuildGpuTracer, ComputeBvhTracer, Context, GBuffer, GBufferPass, GpuScene, GpuTracer,
         Linker, Rasters, RayBatch, RayQueryBoxTracer, RayQueryTracer, ShaderPackage, ShadowMaps,
@@ -15,12 +15,13 @@ use isophote_scene::{
     },
 };
 
-fn triangle() -> Arc<Scene> {
+/// A few triangles in one place.
+fn triangles() -> Arc<Scene> {
     let mesh = Mesh {
         positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
         normals: vec![Vec3::Z; 3],
-        triangles: vec![[0, 1, 2]],
-        triangle_materials: vec![0],
+        triangles: vec![[0, 1, 2]; 40],
+        triangle_materials: vec![0; 40],
         ..Mesh::default()
     };
     Arc::new(Scene {
@@ -29,6 +30,15 @@ fn triangle() -> Arc<Scene> {
         instances: vec![Instance::new(0, Affine3A::IDENTITY)],
         ..Scene::default()
     })
+}
+
+/// One that binds buffers of any size that occurs here, and one that does not.
+fn contexts() -> [Context; 2] {
+    let small = wgpu::Limits {
+        max_storage_buffer_binding_size: 128,
+        ..wgpu::Limits::default()
+    };
+    [Context::noop(), Context::noop_within(small)]
 }
 
 fn tracers(context: &Context, scene: &Arc<Scene>) -> Vec<Box<dyn GpuTracer>> {
@@ -42,24 +52,77 @@ fn tracers(context: &Context, scene: &Arc<Scene>) -> Vec<Box<dyn GpuTracer>> {
 
 #[test]
 fn batches_build_with_every_tracer() {
-    let context = Context::noop();
-    let scene = triangle();
-    let gpu_scene = GpuScene::new(&context, &scene).unwrap();
-    for tracer in tracers(&context, &scene) {
-        RayBatch::new(&context, &gpu_scene, &*tracer)
-            .unwrap_or_else(|error| panic!("{}: {error}", tracer.name()));
+    let scene = triangles();
+    for (context, in_textures) in contexts().iter().zip([false, true]) {
+        let gpu_scene = GpuScene::new(context, &scene).unwrap();
+        assert_eq!(gpu_scene.is_in_textures(), in_textures);
+        for tracer in tracers(context, &scene) {
+            assert_eq!(tracer.shader_flags().is_empty(), !in_textures);
+            RayBatch::new(context, &gpu_scene, &*tracer)
+                .unwrap_or_else(|error| panic!("{}: {error}", tracer.name()));
+        }
     }
 }
 
+/// A pipeline that was linked without the scene cannot be used with one in textures.
+#[test]
+fn the_wrong_way_to_read_a_scene_is_an_error() {
+    let [_, context] = contexts();
+    let scene = triangles();
+    let tracer = &tracers(&context, &scene)[0];
+    let scene = GpuScene::new(&context, &scene).unwrap();
+    let link = |linker: Linker| linker.package(READ).link("test_read::read").unwrap();
+    let device = context.device();
+    let empty = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: None,
+        entries: &[],
+    });
+    let layouts = [
+        &empty,
+        tracer.bind_group_layout(),
+        scene.bind_group_layout(),
+    ];
+    let pipeline = |linker| link(linker).compute_pipeline(&context, "look", &layouts);
+    let (right, wrong) = (Linker::default().scene(&scene), Linker::default());
+    pipeline(right.tracer(&**tracer)).unwrap();
+    pipeline(wrong.tracer(&**tracer)).unwrap_err();
+}
+
+const READ: ShaderPackage = ShaderPackage {
+    name: "test_read",
+    modules: &[(
+        "read",
+        "import scene::ray::Ray;
+        import scene::scene_data::vertex_position;
+        import tracer::any_hit;
+        @compute @workgroup_size(1)
+        fn look() {
+            if any_hit(Ray(vertex_position(0u), 0.0, vec3f(1.0), 1.0)) { return; }
+        }",
+    )],
+};
+
 #[test]
 fn rasterising_passes_build() {
-    let context = Context::noop();
-    for samples in [1, 4] {
-        GBufferPass::new(&context, samples).unwrap();
-        let features = Linker::default().feature("multisampled", samples > 1);
-        features.link("scene::gbuffer::read").unwrap();
+    let mut scene = Scene::clone(&triangles());
+    scene.lights.push(Light::point("", Vec3::Z, Vec3::ONE));
+    let camera = Camera::look_at("", Vec3::Z, Vec3::ZERO, 1.0);
+    for context in contexts() {
+        let gpu_scene = GpuScene::new(&context, &scene).unwrap();
+        let mut encoder = context.device().create_command_encoder(&Default::default());
+        for samples in [1, 4] {
+            let pass = GBufferPass::new(&context, samples).unwrap();
+            let gbuffer = GBuffer::new(&context, [8, 8], samples).unwrap();
+            pass.record(&context, &mut encoder, &gpu_scene, &camera, &gbuffer, None)
+                .unwrap();
+            let features = Linker::default().feature("multisampled", samples > 1);
+            features.link("scene::gbuffer::read").unwrap();
+        }
+        let maps = ShadowMaps::new(&context, &scene.lights, &ShadowOptions::default()).unwrap();
+        maps.record(&context, &mut encoder, &gpu_scene, &scene.lights, None)
+            .unwrap();
+        context.submit("rasterising", encoder).unwrap();
     }
-    ShadowMaps::new(&context, &[], &ShadowOptions::default()).unwrap();
     Linker::default().link("scene::shadow::read").unwrap();
 }
 
@@ -82,7 +145,7 @@ const SHADE: ShaderPackage = ShaderPackage {
 #[test]
 fn a_technique_reads_g_buffer_and_shadow_maps_at_once() {
     let context = Context::noop();
-    let scene = GpuScene::new(&context, &triangle()).unwrap();
+    let scene = GpuScene::new(&context, &triangles()).unwrap();
     let maps = ShadowMaps::new(&context, &[], &ShadowOptions::default()).unwrap();
     let device = context.device();
     let layout = |entries: &[wgpu::BindGroupLayoutEntry]| {

@@ -210,6 +210,7 @@ fn questions(scene: &Scene) -> Vec<Question> {
 
 fn ask(context: &Context, scene: &GpuScene, questions: &[Question]) -> Vec<Answer> {
     let shader = Linker::default()
+        .scene(scene)
         .package(PROBE)
         .link("probe::probe")
         .unwrap();
@@ -370,36 +371,63 @@ fn check(scene: &Scene, question: &Question, answer: &Answer) {
 
 #[test]
 fn shaders_read_what_the_cpu_reads() {
-    let Some(context) = Context::for_tests() else {
+    if let Some(context) = Context::for_tests() {
+        compare(&context, scene(), false);
+    }
+}
+
+/// A scene that is too large for the device's bindings because of vertices that lie before all others.
+#[test]
+fn they_read_it_from_textures_too() {
+    const MOST: u64 = 700_000;
+    let Some(context) = Context::for_tests_within(wgpu::Features::empty(), MOST) else {
         return;
     };
     let mut scene = scene();
-    let mut gpu_scene = GpuScene::new(&context, &scene).unwrap();
+    let mesh = Mesh {
+        positions: vec![Vec3::ZERO; MOST as usize / 32 + 1],
+        normals: vec![Vec3::Z; MOST as usize / 32 + 1],
+        ..Mesh::default()
+    };
+    scene.meshes.insert(0, Arc::new(mesh));
+    for instance in &mut scene.instances {
+        instance.mesh += 1;
+    }
+    compare(&context, scene, true);
+}
+
+fn compare(context: &Context, mut scene: Scene, in_textures: bool) {
+    let mut gpu_scene = GpuScene::new(context, &scene).unwrap();
+    assert_eq!(gpu_scene.is_in_textures(), in_textures);
     let questions = questions(&scene);
     let all_near = |scene: &Scene, answers: &[Answer]| {
         for (question, answer) in questions.iter().zip(answers) {
             check(scene, question, answer);
         }
     };
-    all_near(&scene, &ask(&context, &gpu_scene, &questions));
+    all_near(&scene, &ask(context, &gpu_scene, &questions));
     for instance in &mut scene.instances {
         instance.transform = Affine3A::from_rotation_y(1.0) * instance.transform;
     }
     scene.lights[1].transform = Affine3A::from_rotation_z(0.3) * scene.lights[1].transform;
-    gpu_scene.update(&context, &scene).unwrap();
-    all_near(&scene, &ask(&context, &gpu_scene, &questions));
+    gpu_scene.update(context, &scene).unwrap();
+    all_near(&scene, &ask(context, &gpu_scene, &questions));
     scene.instances.pop();
-    assert!(gpu_scene.update(&context, &scene).is_err());
+    assert!(gpu_scene.update(context, &scene).is_err());
 }
 
 #[test]
 fn an_empty_scene_uploads_and_a_huge_one_is_refused() {
-    let context = Context::noop();
-    GpuScene::new(&context, &Scene::default()).unwrap();
-    // Six million vertices are 192 MB; WebGPU binds 128 MiB.
+    GpuScene::new(&Context::noop(), &Scene::default()).unwrap();
+    // With textures this small, buffers are all there is.
+    let context = Context::noop_within(wgpu::Limits {
+        max_storage_buffer_binding_size: 1 << 20,
+        max_texture_dimension_2d: 4096,
+        ..wgpu::Limits::default()
+    });
     let mesh = Mesh {
-        positions: vec![Vec3::ZERO; 6_000_000],
-        normals: vec![Vec3::Z; 6_000_000],
+        positions: vec![Vec3::ZERO; 60_000],
+        normals: vec![Vec3::Z; 60_000],
         ..Mesh::default()
     };
     let huge = Scene {
@@ -408,7 +436,7 @@ fn an_empty_scene_uploads_and_a_huge_one_is_refused() {
     };
     let error = GpuScene::new(&context, &huge).unwrap_err().to_string();
     assert!(
-        error.contains("vertices") && error.contains("192000000"),
+        error.contains("vertices") && error.contains("1920000"),
         "{error}"
     );
 }

@@ -29,14 +29,18 @@ struct Lab {
 impl Lab {
     /// `None`, loudly, where there is no adapter or it lacks what is needed.
     fn new(features: wgpu::Features) -> Option<Self> {
-        let context = Context::for_tests_of(features)?;
         let rays = std::env::var("ISOPHOTE_GPU_RAYS").ok();
-        Some(Self {
+        let rays = rays.and_then(|count| count.parse().ok()).unwrap_or(100_000);
+        Some(Self::with(Context::for_tests_of(features)?, rays))
+    }
+
+    fn with(context: Context, rays: usize) -> Self {
+        Self {
             context,
             batch: None,
             last_places: 1.0,
-            rays: rays.and_then(|count| count.parse().ok()).unwrap_or(100_000),
-        })
+            rays,
+        }
     }
 
     fn ask(&mut self, scene: &Scene, tracer: &dyn GpuTracer, rays: &[Ray]) -> Answers {
@@ -405,6 +409,42 @@ fn ray_query_agrees() {
     }
 }
 
+/// A device that binds so little that all scenes are read from textures and rays come in many batches.
+fn small(features: wgpu::Features) -> Option<Lab> {
+    Some(Lab::with(Context::for_tests_within(features, 256)?, 1000))
+}
+
+/// In tables of many rows, too.
+fn agrees_in_textures<T: BuildGpuTracer<Options = ()>>(lab: &mut Lab, triangles: u32) {
+    selections_and_movement::<T>(lab);
+    // Of the leaves a tracer may be small enough for buffers.
+    lab.batch = None;
+    let scene = builtin(&format!("hairball:{triangles}"));
+    lab.compare::<T>("hairball", &scene, &Selection::default());
+    let tracer = T::build(&lab.context, &scene, &Selection::default(), &()).unwrap();
+    assert!(!tracer.shader_flags().is_empty());
+    assert!(
+        GpuScene::new(&lab.context, &scene)
+            .unwrap()
+            .is_in_textures()
+    );
+}
+
+#[test]
+fn compute_bvh_agrees_in_textures() {
+    if let Some(mut lab) = small(wgpu::Features::empty()) {
+        agrees_in_textures::<ComputeBvhTracer>(&mut lab, 20_000);
+    }
+}
+
+#[test]
+fn ray_query_agrees_in_textures() {
+    if let Some(mut lab) = small(wgpu::Features::EXPERIMENTAL_RAY_QUERY) {
+        lab.last_places = 8.0;
+        agrees_in_textures::<RayQueryTracer>(&mut lab, 40_000);
+    }
+}
+
 /// The boxes around triangles, one after the other.
 struct Boxes(Vec<Aabb>);
 
@@ -450,9 +490,14 @@ impl Tracer for Boxes {
 
 #[test]
 fn boxes_agree_with_boxes() {
-    let Some(mut lab) = Lab::new(wgpu::Features::EXPERIMENTAL_RAY_QUERY) else {
-        return;
-    };
+    let features = wgpu::Features::EXPERIMENTAL_RAY_QUERY;
+    for lab in [Lab::new(features), small(features)] {
+        let Some(mut lab) = lab else { return };
+        boxes_agree(&mut lab);
+    }
+}
+
+fn boxes_agree(lab: &mut Lab) {
     for name in ["cornell", "hairball:1000"] {
         let scene = builtin(name);
         let boxes = Boxes::new(&scene);

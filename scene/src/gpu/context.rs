@@ -66,6 +66,42 @@ pub fn adapters() -> Vec<Adapter> {
 }
 
 impl Adapter {
+    /// The first of [`adapters`] that is of a kind.
+    ///
+    /// # Errors
+    /// [`Error::NoAdapter`] when there is none.
+    pub fn find(choice: &AdapterChoice) -> Result<Self> {
+        let mut adapters = adapters();
+        let wanted = adapters.iter().position(|adapter| match choice {
+            AdapterChoice::Any => true,
+            AdapterChoice::Hardware => !adapter.is_software(),
+            AdapterChoice::Software => adapter.is_software(),
+            AdapterChoice::Named(name) => {
+                let (name, of) = (name.to_lowercase(), adapter.info.name.to_lowercase());
+                of.contains(&name)
+            }
+        });
+        if let Some(wanted) = wanted {
+            return Ok(adapters.swap_remove(wanted));
+        }
+        let names: Vec<&str> = adapters.iter().map(|one| one.info.name.as_str()).collect();
+        Err(Error::NoAdapter {
+            wanted: match choice {
+                AdapterChoice::Any => "GPU adapter".into(),
+                AdapterChoice::Hardware => "hardware GPU adapter".into(),
+                AdapterChoice::Software => "software GPU adapter".into(),
+                AdapterChoice::Named(name) => format!("GPU adapter with '{name}' in its name"),
+            },
+            found: if names.is_empty() {
+                "there is none at all; install a Vulkan driver \
+                 (Mesa's llvmpipe, Debian package mesa-vulkan-drivers, needs no GPU)"
+                    .into()
+            } else {
+                format!("there is {}", names.join(", "))
+            },
+        })
+    }
+
     /// Whether it runs on the processor.
     pub fn is_software(&self) -> bool {
         self.info.device_type == DeviceType::Cpu
@@ -81,7 +117,7 @@ impl Adapter {
         self.features.contains(Features::TIMESTAMP_QUERY)
     }
 
-    /// Opens it, with everything that this crate can make use of.
+    /// Opens it, with everything that this crate can make use of, within [`limits`](Self::limits).
     ///
     /// # Errors
     /// [`Error::Gpu`] when the driver refuses.
@@ -127,35 +163,7 @@ impl Context {
     /// # Errors
     /// [`Error::NoAdapter`] when there is none of the kind, [`Error::Gpu`] when its driver refuses.
     pub fn open(choice: &AdapterChoice) -> Result<Self> {
-        let adapters = adapters();
-        let wanted = adapters.iter().find(|adapter| match choice {
-            AdapterChoice::Any => true,
-            AdapterChoice::Hardware => !adapter.is_software(),
-            AdapterChoice::Software => adapter.is_software(),
-            AdapterChoice::Named(name) => {
-                let (name, of) = (name.to_lowercase(), adapter.info.name.to_lowercase());
-                of.contains(&name)
-            }
-        });
-        let Some(adapter) = wanted else {
-            let names: Vec<&str> = adapters.iter().map(|one| one.info.name.as_str()).collect();
-            return Err(Error::NoAdapter {
-                wanted: match choice {
-                    AdapterChoice::Any => "GPU adapter".into(),
-                    AdapterChoice::Hardware => "hardware GPU adapter".into(),
-                    AdapterChoice::Software => "software GPU adapter".into(),
-                    AdapterChoice::Named(name) => format!("GPU adapter with '{name}' in its name"),
-                },
-                found: if names.is_empty() {
-                    "there is none at all; install a Vulkan driver \
-                     (Mesa's llvmpipe, Debian package mesa-vulkan-drivers, needs no GPU)"
-                        .into()
-                } else {
-                    format!("there is {}", names.join(", "))
-                },
-            });
-        };
-        adapter.open()
+        Adapter::find(choice)?.open()
     }
 
     /// Wraps a device that someone else opened. Its handler of uncaptured errors is replaced by one that keeps the
@@ -184,11 +192,15 @@ impl Context {
     /// A device that checks everything and computes nothing, with WebGPU's default limits and ray queries: for tests
     /// of shaders and pipelines that need no GPU.
     pub fn noop() -> Self {
+        Self::noop_within(Limits::default())
+    }
+
+    /// As [`noop`](Self::noop) with other limits.
+    pub fn noop_within(limits: Limits) -> Self {
         let (device, queue) = wgpu::Device::noop(&wgpu::DeviceDescriptor {
             label: Some("noop"),
             required_features: OPTIONAL,
-            required_limits: Limits::default()
-                .using_minimum_supported_acceleration_structure_values(),
+            required_limits: limits.using_minimum_supported_acceleration_structure_values(),
             experimental_features: experimental(),
             ..Default::default()
         });
@@ -214,14 +226,25 @@ impl Context {
     /// If a GPU with those features is required and there is none, or there is one that does not open.
     #[cfg(feature = "testing")]
     pub fn for_tests_of(features: Features) -> Option<Self> {
-        let opened = Self::open(&AdapterChoice::Any).and_then(|context| {
-            if context.device.features().contains(features) {
-                return Ok(context);
+        Self::for_tests_within(features, u64::MAX)
+    }
+
+    /// As [`for_tests_of`](Self::for_tests_of) with a device that binds no storage buffer of more than so many bytes.
+    ///
+    /// # Panics
+    /// If a GPU with those features is required and there is none, or there is one that does not open.
+    #[cfg(feature = "testing")]
+    pub fn for_tests_within(features: Features, binding_size: u64) -> Option<Self> {
+        let opened = Adapter::find(&AdapterChoice::Any).and_then(|mut adapter| {
+            if !adapter.features.contains(features) {
+                return Err(Error::NoAdapter {
+                    wanted: format!("GPU adapter with {features:?}"),
+                    found: format!("{} has not", adapter.info.name),
+                });
             }
-            Err(Error::NoAdapter {
-                wanted: format!("GPU adapter with {features:?}"),
-                found: format!("{} has not", context.device.adapter_info().name),
-            })
+            let size = &mut adapter.limits.max_storage_buffer_binding_size;
+            *size = binding_size.min(*size);
+            adapter.open()
         });
         let required = std::env::var_os("ISOPHOTE_REQUIRE_GPU").is_some_and(|value| value == "1");
         match opened {

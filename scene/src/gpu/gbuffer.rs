@@ -250,15 +250,14 @@ impl GBufferPass {
                 entries: &[uniform_entry(0, false)],
             })
         })?;
-        let targets = FORMATS.map(|format| Some(format.into()));
         let pass = RasterPass {
             module: "scene::gbuffer::raster",
             fragment: "layers",
             opaque_fragments: true,
-            targets: &targets,
+            targets: FORMATS.map(|format| Some(format.into())).into(),
             samples,
         };
-        let pipelines = RasterPipelines::new(context, &layout, &pass)?;
+        let pipelines = RasterPipelines::new(context, layout.clone(), pass)?;
         Ok(Self {
             samples,
             layout,
@@ -303,6 +302,7 @@ impl GBufferPass {
             context,
             &View::of_camera(camera, gbuffer.size, &scene.bounds()),
         )?;
+        let pipelines = self.pipelines.of(context, scene)?;
         context.check("G-buffer", |device| {
             let camera = device.create_bind_group(&wgpu::BindGroupDescriptor {
                 label: Some("G-buffer camera"),
@@ -331,8 +331,7 @@ impl GBufferPass {
                 ..Default::default()
             });
             pass.set_bind_group(0, &camera, &[]);
-            self.pipelines
-                .draw(&mut pass, scene, &scene.draws(InstanceMask::NONE));
+            pipelines.draw(&mut pass, scene, &scene.draws(InstanceMask::NONE));
         })
     }
 }

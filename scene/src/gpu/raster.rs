@@ -1,24 +1,37 @@
 //! What rasterising passes share: pipelines that fetch their vertices from the scene's buffers, and the draws.
 
-use super::{Context, GpuScene, Linker, upload::Draw};
+use std::sync::OnceLock;
+
+use super::{Context, GpuScene, Linker, upload::Draw, words::Placement};
 use crate::Result;
 
 /// What distinguishes a rasterising pass.
-pub(super) struct RasterPass<'a> {
+#[derive(Debug)]
+pub(super) struct RasterPass {
     /// The WESL module with the vertex shader `corner`.
-    pub(super) module: &'a str,
+    pub(super) module: &'static str,
     /// Its fragment shader; masked triangles only, where `opaque_fragments` is off.
-    pub(super) fragment: &'a str,
+    pub(super) fragment: &'static str,
     /// Whether opaque triangles need the fragment shader too.
     pub(super) opaque_fragments: bool,
-    pub(super) targets: &'a [Option<wgpu::ColorTargetState>],
+    pub(super) targets: Vec<Option<wgpu::ColorTargetState>>,
     pub(super) samples: u32,
+}
+
+/// The pipelines of a pass for every scene.
+#[derive(Debug)]
+pub(super) struct RasterPipelines {
+    own: wgpu::BindGroupLayout,
+    pass: RasterPass,
+    buffers: ScenePipelines,
+    /// Few scenes are so large: made when the first is drawn.
+    textures: OnceLock<ScenePipelines>,
 }
 
 /// Pipelines for meshes that stop every ray and for those with masked triangles: a fragment shader that may discard keeps
 /// the hardware from testing depth before it runs.
 #[derive(Debug)]
-pub(super) struct RasterPipelines {
+pub(super) struct ScenePipelines {
     opaque: wgpu::RenderPipeline,
     masked: wgpu::RenderPipeline,
 }
@@ -30,12 +43,40 @@ impl RasterPipelines {
     /// `own` is the layout of group 0; the scene is group 2.
     pub(super) fn new(
         context: &Context,
-        own: &wgpu::BindGroupLayout,
-        pass: &RasterPass<'_>,
+        own: wgpu::BindGroupLayout,
+        pass: RasterPass,
     ) -> Result<Self> {
         Ok(Self {
-            opaque: pipeline(context, own, pass, false)?,
-            masked: pipeline(context, own, pass, true)?,
+            buffers: ScenePipelines::new(context, &own, &pass, Placement::Buffers)?,
+            textures: OnceLock::new(),
+            own,
+            pass,
+        })
+    }
+
+    /// Those for a scene.
+    pub(super) fn of(&self, context: &Context, scene: &GpuScene) -> Result<&ScenePipelines> {
+        if !scene.is_in_textures() {
+            return Ok(&self.buffers);
+        }
+        if let Some(made) = self.textures.get() {
+            return Ok(made);
+        }
+        let made = ScenePipelines::new(context, &self.own, &self.pass, Placement::Textures)?;
+        Ok(self.textures.get_or_init(|| made))
+    }
+}
+
+impl ScenePipelines {
+    fn new(
+        context: &Context,
+        own: &wgpu::BindGroupLayout,
+        pass: &RasterPass,
+        placement: Placement,
+    ) -> Result<Self> {
+        Ok(Self {
+            opaque: pipeline(context, own, pass, placement, false)?,
+            masked: pipeline(context, own, pass, placement, true)?,
         })
     }
 
@@ -55,15 +96,17 @@ impl RasterPipelines {
 fn pipeline(
     context: &Context,
     own: &wgpu::BindGroupLayout,
-    pass: &RasterPass<'_>,
+    pass: &RasterPass,
+    placement: Placement,
     masked: bool,
 ) -> Result<wgpu::RenderPipeline> {
     let shader = Linker::default()
         .feature("masked", masked)
         .feature("multisampled", pass.samples > 1)
+        .feature("scene_in_textures", placement == Placement::Textures)
         .link(pass.module)?;
     let module = shader.module(context)?;
-    let scene = GpuScene::layout(context.device());
+    let scene = GpuScene::layout(context.device(), placement);
     context.check(pass.module, |device| {
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some(pass.module),
@@ -74,7 +117,7 @@ fn pipeline(
             module: &module,
             entry_point: Some(pass.fragment),
             compilation_options: wgpu::PipelineCompilationOptions::default(),
-            targets: pass.targets,
+            targets: &pass.targets,
         };
         device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(pass.module),

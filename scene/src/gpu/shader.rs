@@ -17,7 +17,7 @@ use wesl::{
     syntax::{PathOrigin, TranslationUnit},
 };
 
-use super::{Context, GpuTracer};
+use super::{Context, GpuScene, GpuTracer};
 use crate::{Error, Result, shader_package};
 
 /// The WESL modules of this crate.
@@ -36,7 +36,8 @@ pub const SHADERS: ShaderPackage = shader_package!(
         "tracer/compute_bvh",
         "tracer/ray_query",
         "tracer/ray_query_boxes",
-        "view"
+        "view",
+        "words"
     ]
 );
 
@@ -99,10 +100,17 @@ impl Linker {
     #[must_use]
     pub fn tracer(mut self, tracer: &dyn GpuTracer) -> Self {
         self.tracer = Some(tracer.module());
-        tracer
-            .packages()
-            .iter()
-            .fold(self, |linker, &package| linker.package(package))
+        let packages = tracer.packages().iter();
+        let linker = packages.fold(self, |linker, &package| linker.package(package));
+        let flags = tracer.shader_flags().iter();
+        flags.fold(linker, |linker, flag| linker.feature(flag, true))
+    }
+
+    /// Says how the data of the scene that will be bound are read. Those of most scenes are read as without this; a
+    /// pipeline for one that is too large for buffers would not be valid.
+    #[must_use]
+    pub fn scene(self, scene: &GpuScene) -> Self {
+        self.feature("scene_in_textures", scene.is_in_textures())
     }
 
     /// Sets a flag of conditional translation (`@if(name)`); those not set are off.

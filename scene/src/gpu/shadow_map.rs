@@ -128,7 +128,7 @@ impl ShadowMaps {
             module: "scene::shadow::raster",
             fragment: "holes",
             opaque_fragments: false,
-            targets: &[],
+            targets: Vec::new(),
             samples: 1,
         };
         Ok(Self {
@@ -140,7 +140,7 @@ impl ShadowMaps {
             info,
             views,
             view,
-            pipelines: RasterPipelines::new(context, &layout, &pass)?,
+            pipelines: RasterPipelines::new(context, layout, pass)?,
         })
     }
 
@@ -170,6 +170,7 @@ impl ShadowMaps {
             .collect();
         self.upload(context, &views)?;
         let draws = scene.draws(self.options.casters);
+        let pipelines = self.pipelines.of(context, scene)?;
         context.check("shadow maps", |_| {
             for (offset, layer) in (0..).step_by(STRIDE as usize).zip(&self.layers) {
                 let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -181,7 +182,7 @@ impl ShadowMaps {
                     ..Default::default()
                 });
                 pass.set_bind_group(0, &self.view, &[offset]);
-                self.pipelines.draw(&mut pass, scene, &draws);
+                pipelines.draw(&mut pass, scene, &draws);
             }
         })
     }

@@ -5,6 +5,7 @@
 //! [`RayBatch`](super::RayBatch) asks about rays in bulk.
 
 pub(crate) mod batch;
+mod binding;
 pub(crate) mod compute_bvh;
 pub(crate) mod ray_query;
 
@@ -36,6 +37,11 @@ pub trait GpuTracer: Send + Sync {
 
     /// The package its module is in, and others that it imports from; the scene's is always there.
     fn packages(&self) -> &[ShaderPackage] {
+        &[]
+    }
+
+    /// Flags of conditional translation with which its module is linked; they stay the same when the tracer is updated.
+    fn shader_flags(&self) -> &[&'static str] {
         &[]
     }
 
@@ -73,20 +79,4 @@ pub trait BuildGpuTracer: GpuTracer + Sized {
 
     /// Bytes of GPU memory held by the tracer's own structures.
     fn bytes(&self) -> u64;
-}
-
-/// Layout entries of read-only storage buffers, from binding 0 on, for every stage.
-pub(crate) fn storage_entries(count: u32) -> Vec<wgpu::BindGroupLayoutEntry> {
-    (0..count)
-        .map(|binding| wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility: wgpu::ShaderStages::all(),
-            ty: wgpu::BindingType::Buffer {
-                ty: wgpu::BufferBindingType::Storage { read_only: true },
-                has_dynamic_offset: false,
-                min_binding_size: None,
-            },
-            count: None,
-        })
-        .collect()
 }

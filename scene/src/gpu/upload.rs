@@ -4,8 +4,9 @@
 //! 2. `tables`: instances, materials, textures and lights, and where they begin.
 //! 3. `atlas`: all mip levels of all textures as rectangles in the layers of one array texture.
 //!
-//! All of it is measured against the device's limits before anything is created. In shaders the modules
-//! `scene::scene_data`, `scene::texture` and `scene::surface` read it.
+//! All of it is measured against the device's limits before anything is created; tables that are too large for buffers
+//! go into textures ([`words`](super::words)). In shaders the modules `scene::scene_data`, `scene::texture` and
+//! `scene::surface` read it.
 
 mod atlas;
 mod tables;
@@ -16,12 +17,17 @@ use self::{
     tables::{Tables, moving_records},
     vertices::{Geometry, MeshPlace},
 };
-use super::Context;
+use super::{
+    Context,
+    raster::uniform_entry,
+    words::{Placement, Words},
+};
 use crate::{Aabb, Alpha, Environment, Error, InstanceMask, Result, Scene};
 
 /// A scene's data in GPU memory, bound as group 2.
 #[derive(Debug)]
 pub struct GpuScene {
+    placement: Placement,
     layout: wgpu::BindGroupLayout,
     bind_group: wgpu::BindGroup,
     places: Vec<MeshPlace>,
@@ -31,7 +37,7 @@ pub struct GpuScene {
     bounds: Aabb,
     material_count: usize,
     light_count: usize,
-    tables: wgpu::Buffer,
+    tables: Words,
     bytes: u64,
 }
 
@@ -56,12 +62,15 @@ impl GpuScene {
     /// Uploads a scene.
     ///
     /// # Errors
-    /// [`Error::GpuLimit`] when a part is larger than what the device binds in one piece, [`Error::Gpu`] when memory is
-    /// out or the device fails.
+    /// [`Error::GpuLimit`] when a part is larger than the device's textures can be, [`Error::Gpu`] when memory is out or
+    /// the device fails.
     pub fn new(context: &Context, scene: &Scene) -> Result<Self> {
         let [vertex_bytes, triangle_bytes] = Geometry::bytes(scene);
-        context.check_storage_size("the scene's vertices", vertex_bytes)?;
-        context.check_storage_size("the scene's triangles", triangle_bytes)?;
+        let sizes = [
+            ("the scene's vertices", vertex_bytes),
+            ("the scene's triangles", triangle_bytes),
+        ];
+        Placement::of(context, &sizes)?;
         let limits = context.device().limits();
         let atlas = Atlas::pack(&scene.textures, &limits, || {
             context.device().adapter_info().name
@@ -69,27 +78,25 @@ impl GpuScene {
         let environment = environment(context, &scene.environment, &limits)?;
         let geometry = Geometry::new(scene);
         let tables = Tables::new(scene, &geometry.places, &atlas);
-        context.check_storage_size("the scene's tables", size_of_val(&tables.words[..]) as u64)?;
+        let table_bytes = size_of_val(&tables.words[..]) as u64;
+        let [vertices, triangles] = sizes;
+        let sizes = [vertices, triangles, ("the scene's tables", table_bytes)];
+        let placement = Placement::of(context, &sizes)?;
 
+        let words = |label, words: &[[u32; 4]]| {
+            Words::new(context, placement, label, bytemuck::cast_slice(words))
+        };
         let buffers = [
-            context.buffer(
-                "scene vertices",
-                &geometry.vertices,
-                wgpu::BufferUsages::STORAGE,
-            )?,
-            context.buffer(
-                "scene triangles",
-                &geometry.triangles,
-                wgpu::BufferUsages::STORAGE,
-            )?,
-            context.buffer("scene tables", &tables.words, wgpu::BufferUsages::STORAGE)?,
+            words("scene vertices", &geometry.vertices)?,
+            words("scene triangles", &geometry.triangles)?,
+            words("scene tables", &tables.words)?,
         ];
         let info = context.buffer(
             "scene info",
             &[tables.info(scene)],
             wgpu::BufferUsages::UNIFORM,
         )?;
-        let bytes = buffers.iter().map(wgpu::Buffer::size).sum::<u64>() + atlas.bytes();
+        let bytes = buffers.iter().map(Words::bytes).sum::<u64>() + atlas.bytes();
         let [vertices, triangles, tables] = buffers;
         let (layout, bind_group) = context.check("uploading the scene's textures", |device| {
             let pages = atlas.upload(context, &scene.textures);
@@ -99,15 +106,15 @@ impl GpuScene {
                 ..Default::default()
             });
             let environment = environment.upload(context);
-            let layout = Self::layout(device);
+            let layout = Self::layout(device, placement);
             let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
                 label: Some("scene"),
                 layout: &layout,
                 entries: &entries([
                     info.as_entire_binding(),
-                    vertices.as_entire_binding(),
-                    triangles.as_entire_binding(),
-                    tables.as_entire_binding(),
+                    vertices.binding(),
+                    triangles.binding(),
+                    tables.binding(),
                     wgpu::BindingResource::TextureView(&pages),
                     wgpu::BindingResource::TextureView(&environment),
                 ]),
@@ -115,6 +122,7 @@ impl GpuScene {
             (layout, bind_group)
         })?;
         Ok(Self {
+            placement,
             layout,
             bind_group,
             places: geometry.places,
@@ -171,11 +179,7 @@ impl GpuScene {
                 corners.map(|corner| instance.transform.transform_point3(corner))
             })
             .fold(Aabb::EMPTY, Aabb::grown);
-        context.check("moving the scene", |_| {
-            context
-                .queue()
-                .write_buffer(&self.tables, 0, bytemuck::cast_slice(&records));
-        })
+        context.check("moving the scene", |_| self.tables.write(context, &records))
     }
 
     /// The box around all instances, where they were at the last upload or update; empty without geometry.
@@ -226,39 +230,33 @@ impl GpuScene {
         self.bytes
     }
 
-    /// The layout of every scene's bind group; visible to all stages.
-    pub fn layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
-        let storage = wgpu::BindingType::Buffer {
-            ty: wgpu::BufferBindingType::Storage { read_only: true },
-            has_dynamic_offset: false,
-            min_binding_size: None,
+    /// Whether the data lie in textures, because the device binds no buffers that large.
+    pub fn is_in_textures(&self) -> bool {
+        self.placement == Placement::Textures
+    }
+
+    /// The layout of the bind group of every scene in buffers, or in textures; visible to all stages.
+    pub(super) fn layout(device: &wgpu::Device, placement: Placement) -> wgpu::BindGroupLayout {
+        let texture = |binding, view_dimension| wgpu::BindGroupLayoutEntry {
+            binding,
+            visibility: wgpu::ShaderStages::all(),
+            ty: wgpu::BindingType::Texture {
+                sample_type: wgpu::TextureSampleType::Float { filterable: false },
+                view_dimension,
+                multisampled: false,
+            },
+            count: None,
         };
-        let uniform = wgpu::BindingType::Buffer {
-            ty: wgpu::BufferBindingType::Uniform,
-            has_dynamic_offset: false,
-            min_binding_size: None,
-        };
-        let texture = |view_dimension| wgpu::BindingType::Texture {
-            sample_type: wgpu::TextureSampleType::Float { filterable: false },
-            view_dimension,
-            multisampled: false,
-        };
-        let pages = texture(wgpu::TextureViewDimension::D2Array);
-        let environment = texture(wgpu::TextureViewDimension::D2);
-        let types = [uniform, storage, storage, storage, pages, environment];
-        let entries: Vec<_> = types
-            .into_iter()
-            .zip(0..)
-            .map(|(ty, binding)| wgpu::BindGroupLayoutEntry {
-                binding,
-                visibility: wgpu::ShaderStages::all(),
-                ty,
-                count: None,
-            })
-            .collect();
         device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("scene"),
-            entries: &entries,
+            entries: &[
+                uniform_entry(0, false),
+                placement.layout_entry(1),
+                placement.layout_entry(2),
+                placement.layout_entry(3),
+                texture(4, wgpu::TextureViewDimension::D2Array),
+                texture(5, wgpu::TextureViewDimension::D2),
+            ],
         })
     }
 }

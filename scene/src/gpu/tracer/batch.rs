@@ -56,12 +56,14 @@ const FIRST_PIECE: u32 = 1 << 12;
 const LARGEST_PIECE: u32 = 1 << 21;
 
 impl RayBatch {
-    /// Prepares batches for a tracer, and for every other scene's tracer of the same kind.
+    /// Prepares batches for a tracer, and for every other scene's tracer of the same kind: of the same
+    /// [`shader_flags`](GpuTracer::shader_flags) and with a scene that also is in buffers, or also in textures.
     ///
     /// # Errors
     /// [`Error::Shader`] or [`Error::Gpu`] when the tracer's module does not link or the device lacks what it needs.
     pub fn new(context: &Context, scene: &GpuScene, tracer: &dyn GpuTracer) -> Result<Self> {
         let shader = Linker::default()
+            .scene(scene)
             .tracer(tracer)
             .link("scene::trace_batch")?;
         let device = context.device();
@@ -296,7 +298,7 @@ impl RayBatch {
     /// Chooses how many rays come next.
     fn adapt(&mut self, took: Duration, rays: usize) {
         if took > MOMENT {
-            self.piece = (self.piece / 2).max(WORKGROUP);
+            self.piece = (self.piece / 2).max(WORKGROUP.min(self.capacity));
         } else if took < MOMENT / 3 && rays == self.piece as usize {
             self.piece = (self.piece * 2).min(self.capacity);
         }

@@ -9,11 +9,14 @@ use std::sync::Arc;
 
 use glam::Affine3A;
 
-use self::encode::{Encoded, MAX_DEPTH};
-use super::{BuildGpuTracer, GpuTracer, storage_entries};
+use self::encode::{Encoded, MAX_DEPTH, Words};
+use super::{
+    BuildGpuTracer, GpuTracer,
+    binding::{Binding, Table},
+};
 use crate::{
     Aabb, Answers, Error, Result, Scene, Selection,
-    gpu::{Context, upload::entries},
+    gpu::Context,
     trace::{
         brute_force::{WorldTriangle, check_transforms, world_triangles},
         bvh::{
@@ -23,14 +26,12 @@ use crate::{
     },
 };
 
-/// Finds what [`BvhTracer`](crate::BvhTracer) finds, in a shader. Binds two storage buffers.
+/// Finds what [`BvhTracer`](crate::BvhTracer) finds, in a shader. Binds two storage buffers, or two textures.
 #[derive(Debug)]
 pub struct ComputeBvhTracer {
     scene: Arc<Scene>,
     selection: Selection,
-    layout: wgpu::BindGroupLayout,
-    bind_group: wgpu::BindGroup,
-    bytes: u64,
+    binding: Binding,
 }
 
 impl GpuTracer for ComputeBvhTracer {
@@ -46,12 +47,16 @@ impl GpuTracer for ComputeBvhTracer {
         "scene::tracer::compute_bvh"
     }
 
+    fn shader_flags(&self) -> &[&'static str] {
+        self.binding.shader_flags()
+    }
+
     fn bind_group_layout(&self) -> &wgpu::BindGroupLayout {
-        &self.layout
+        self.binding.layout()
     }
 
     fn bind_group(&self) -> &wgpu::BindGroup {
-        &self.bind_group
+        self.binding.group()
     }
 }
 
@@ -64,74 +69,57 @@ impl BuildGpuTracer for ComputeBvhTracer {
         selection: &Selection,
         (): &(),
     ) -> Result<Self> {
-        let layout = context.check("compute BVH", |device| {
-            device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-                label: Some("compute BVH"),
-                entries: &storage_entries(2),
-            })
-        })?;
-        let (bind_group, bytes) = upload(context, &layout, scene, selection, &scene.transforms())?;
+        let tree = Tree::new(scene, selection, &scene.transforms())?;
         Ok(Self {
+            binding: Binding::new(context, "compute BVH", None, &tree.tables())?,
             scene: scene.clone(),
             selection: *selection,
-            layout,
-            bind_group,
-            bytes,
         })
     }
 
     fn update(&mut self, context: &Context, transforms: &[Affine3A]) -> Result<()> {
         check_transforms(&self.scene, transforms)?;
-        (self.bind_group, self.bytes) = upload(
-            context,
-            &self.layout,
-            &self.scene,
-            &self.selection,
-            transforms,
-        )?;
-        Ok(())
+        let tree = Tree::new(&self.scene, &self.selection, transforms)?;
+        self.binding.replace(context, None, &tree.tables())
     }
 
     fn bytes(&self) -> u64 {
-        self.bytes
+        self.binding.bytes()
     }
 }
 
-/// Builds the tree and puts it where the shader finds it.
-fn upload(
-    context: &Context,
-    layout: &wgpu::BindGroupLayout,
-    scene: &Scene,
-    selection: &Selection,
-    transforms: &[Affine3A],
-) -> Result<(wgpu::BindGroup, u64)> {
-    let triangles = world_triangles(scene, transforms, selection);
-    if triangles.is_empty() {
-        return Err(Error::NoGeometry {
-            reason: "no triangle is selected".into(),
-        });
-    }
-    context.check_storage_size("the tree's triangles", 48 * triangles.len() as u64)?;
-    let encoded = tree(&triangles);
-    context.check_storage_size("the tree's nodes", size_of_val(&encoded.nodes[..]) as u64)?;
-    let faces: Vec<[[u32; 4]; 3]> = encoded
-        .items
-        .iter()
-        .map(|&item| face(scene, &triangles[item as usize]))
-        .collect();
-    let nodes = context.buffer("tree nodes", &encoded.nodes, wgpu::BufferUsages::STORAGE)?;
-    let faces = context.buffer("tree triangles", &faces, wgpu::BufferUsages::STORAGE)?;
-    let bind_group = context.check("compute BVH", |device| {
-        device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("compute BVH"),
-            layout,
-            entries: &entries([nodes.as_entire_binding(), faces.as_entire_binding()]),
-        })
-    })?;
-    Ok((bind_group, nodes.size() + faces.size()))
+/// What the shader walks.
+struct Tree {
+    nodes: Vec<Words>,
+    /// The triangles of all leaves.
+    faces: Vec<[[u32; 4]; 3]>,
 }
 
-fn tree(triangles: &[WorldTriangle]) -> Encoded {
+impl Tree {
+    fn new(scene: &Scene, selection: &Selection, transforms: &[Affine3A]) -> Result<Self> {
+        let triangles = world_triangles(scene, transforms, selection);
+        if triangles.is_empty() {
+            return Err(Error::NoGeometry {
+                reason: "no triangle is selected".into(),
+            });
+        }
+        let Encoded { nodes, items, .. } = encode(&triangles);
+        let faces = items
+            .iter()
+            .map(|&item| face(scene, &triangles[item as usize]))
+            .collect();
+        Ok(Self { nodes, faces })
+    }
+
+    fn tables(&self) -> [Table<'_>; 2] {
+        [
+            ("the tree's nodes", bytemuck::cast_slice(&self.nodes)),
+            ("the tree's triangles", bytemuck::cast_slice(&self.faces)),
+        ]
+    }
+}
+
+fn encode(triangles: &[WorldTriangle]) -> Encoded {
     let boxes: Vec<Aabb> = triangles
         .iter()
         .map(|triangle| Aabb::around(triangle.corners))

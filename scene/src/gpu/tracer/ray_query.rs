@@ -15,22 +15,19 @@ use glam::Affine3A;
 
 pub use self::{boxes::RayQueryBoxTracer, self_test::check_ray_query};
 use self::{geometry::Geometry, structures::Structures};
-use super::{BuildGpuTracer, GpuTracer};
+use super::{BuildGpuTracer, GpuTracer, binding::Binding};
 use crate::{
-    Answers, Result, Scene, Selection,
-    gpu::{Context, upload::entries},
-    trace::brute_force::check_transforms,
+    Answers, Result, Scene, Selection, gpu::Context, trace::brute_force::check_transforms,
 };
 
-/// Finds what [`BvhTracer`](crate::BvhTracer) finds, by ray query. Binds one storage buffer and an acceleration structure.
+/// Finds what [`BvhTracer`](crate::BvhTracer) finds, by ray query. Binds an acceleration structure and one storage buffer
+/// or texture.
 #[derive(Debug)]
 pub struct RayQueryTracer {
     scene: Arc<Scene>,
     selection: Selection,
-    layout: wgpu::BindGroupLayout,
-    bind_group: wgpu::BindGroup,
     structures: Structures,
-    bytes: u64,
+    binding: Binding,
 }
 
 impl GpuTracer for RayQueryTracer {
@@ -50,12 +47,16 @@ impl GpuTracer for RayQueryTracer {
         "scene::tracer::ray_query"
     }
 
+    fn shader_flags(&self) -> &[&'static str] {
+        self.binding.shader_flags()
+    }
+
     fn bind_group_layout(&self) -> &wgpu::BindGroupLayout {
-        &self.layout
+        self.binding.layout()
     }
 
     fn bind_group(&self) -> &wgpu::BindGroup {
-        &self.bind_group
+        self.binding.group()
     }
 }
 
@@ -78,22 +79,22 @@ impl BuildGpuTracer for RayQueryTracer {
         if self.selection.bounds.is_none() {
             return self.structures.place(context, transforms);
         }
-        let built = Built::new(
-            context,
-            &self.layout,
-            &self.scene,
-            &self.selection,
-            transforms,
-        )?;
-        (self.bind_group, self.structures, self.bytes) =
-            (built.bind_group, built.structures, built.bytes);
+        let geometry = Geometry::new(&self.scene, &self.selection, transforms)?;
+        let structures = Structures::of_triangles(context, &geometry, transforms)?;
+        let primitives = geometry.primitive_table();
+        let tables = [(PRIMITIVES, bytemuck::cast_slice(&primitives))];
+        self.binding
+            .replace(context, Some(structures.top()), &tables)?;
+        self.structures = structures;
         Ok(())
     }
 
     fn bytes(&self) -> u64 {
-        self.bytes
+        self.binding.bytes()
     }
 }
+
+const PRIMITIVES: &str = "the triangles' order";
 
 impl RayQueryTracer {
     fn build_untested(
@@ -101,51 +102,16 @@ impl RayQueryTracer {
         scene: &Arc<Scene>,
         selection: &Selection,
     ) -> Result<Self> {
-        let layout = structures::layout(context)?;
-        let built = Built::new(context, &layout, scene, selection, &scene.transforms())?;
+        let transforms = scene.transforms();
+        let geometry = Geometry::new(scene, selection, &transforms)?;
+        let structures = Structures::of_triangles(context, &geometry, &transforms)?;
+        let primitives = geometry.primitive_table();
+        let tables = [(PRIMITIVES, bytemuck::cast_slice(&primitives))];
         Ok(Self {
+            binding: Binding::new(context, "ray query", Some(structures.top()), &tables)?,
             scene: scene.clone(),
             selection: *selection,
-            layout,
-            bind_group: built.bind_group,
-            structures: built.structures,
-            bytes: built.bytes,
-        })
-    }
-}
-
-/// What depends on which triangles take part.
-struct Built {
-    bind_group: wgpu::BindGroup,
-    structures: Structures,
-    bytes: u64,
-}
-
-impl Built {
-    fn new(
-        context: &Context,
-        layout: &wgpu::BindGroupLayout,
-        scene: &Scene,
-        selection: &Selection,
-        transforms: &[Affine3A],
-    ) -> Result<Self> {
-        let geometry = Geometry::new(scene, selection, transforms)?;
-        let primitives = geometry.primitive_table();
-        let bytes = size_of_val(&primitives[..]) as u64;
-        context.check_storage_size("the triangles' order", bytes)?;
-        let primitives = context.buffer("primitives", &primitives, wgpu::BufferUsages::STORAGE)?;
-        let structures = Structures::of_triangles(context, &geometry, transforms)?;
-        let bind_group = context.check("ray query", |device| {
-            device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some("ray query"),
-                layout,
-                entries: &entries([structures.binding(), primitives.as_entire_binding()]),
-            })
-        })?;
-        Ok(Self {
-            bind_group,
             structures,
-            bytes,
         })
     }
 }

@@ -4,28 +4,22 @@ use std::sync::Arc;
 
 use glam::{Affine3A, Vec4};
 
-use super::{
-    check_ray_query,
-    geometry::MortonCodes,
-    structures::{self, Structures},
-};
+use super::{check_ray_query, geometry::MortonCodes, structures::Structures};
 use crate::{
     Aabb, Answers, Error, Result, Scene, Selection,
-    gpu::{BuildGpuTracer, Context, GpuTracer, upload::entries},
+    gpu::{BuildGpuTracer, Context, GpuTracer, tracer::binding::Binding},
     trace::brute_force::{check_transforms, world_triangles},
 };
 
 /// Finds the nearest of the boxes (along the world's axes) around the triangles, by ray query, where the ray enters
 /// it. A box that contains the start or the end of the ray does not count, nor does alpha.
 ///
-/// Binds one storage buffer and an acceleration structure.
+/// Binds an acceleration structure and one storage buffer or texture.
 #[derive(Debug)]
 pub struct RayQueryBoxTracer {
     scene: Arc<Scene>,
     selection: Selection,
-    layout: wgpu::BindGroupLayout,
-    bind_group: wgpu::BindGroup,
-    bytes: u64,
+    binding: Binding,
 }
 
 impl GpuTracer for RayQueryBoxTracer {
@@ -45,12 +39,16 @@ impl GpuTracer for RayQueryBoxTracer {
         "scene::tracer::ray_query_boxes"
     }
 
+    fn shader_flags(&self) -> &[&'static str] {
+        self.binding.shader_flags()
+    }
+
     fn bind_group_layout(&self) -> &wgpu::BindGroupLayout {
-        &self.layout
+        self.binding.layout()
     }
 
     fn bind_group(&self) -> &wgpu::BindGroup {
-        &self.bind_group
+        self.binding.group()
     }
 }
 
@@ -64,67 +62,56 @@ impl BuildGpuTracer for RayQueryBoxTracer {
         (): &(),
     ) -> Result<Self> {
         check_ray_query(context)?;
-        let layout = structures::layout(context)?;
-        let (bind_group, bytes) = upload(context, &layout, scene, selection, &scene.transforms())?;
+        let boxes = boxes(scene, selection, &scene.transforms())?;
+        let structures = Structures::of_boxes(context, &boxes)?;
+        let corners = corners(&boxes);
+        let tables = [(CORNERS, bytemuck::cast_slice(&corners))];
+        let label = "ray query over boxes";
         Ok(Self {
+            binding: Binding::new(context, label, Some(structures.top()), &tables)?,
             scene: scene.clone(),
             selection: *selection,
-            layout,
-            bind_group,
-            bytes,
         })
     }
 
     fn update(&mut self, context: &Context, transforms: &[Affine3A]) -> Result<()> {
         check_transforms(&self.scene, transforms)?;
-        (self.bind_group, self.bytes) = upload(
-            context,
-            &self.layout,
-            &self.scene,
-            &self.selection,
-            transforms,
-        )?;
-        Ok(())
+        let boxes = boxes(&self.scene, &self.selection, transforms)?;
+        let structures = Structures::of_boxes(context, &boxes)?;
+        let corners = corners(&boxes);
+        let tables = [(CORNERS, bytemuck::cast_slice(&corners))];
+        self.binding
+            .replace(context, Some(structures.top()), &tables)
     }
 
     fn bytes(&self) -> u64 {
-        self.bytes
+        self.binding.bytes()
     }
 }
 
-fn upload(
-    context: &Context,
-    layout: &wgpu::BindGroupLayout,
-    scene: &Scene,
-    selection: &Selection,
-    transforms: &[Affine3A],
-) -> Result<(wgpu::BindGroup, u64)> {
+const CORNERS: &str = "the triangles' boxes";
+
+/// Around the selected triangles, neighbours together.
+fn boxes(scene: &Scene, selection: &Selection, transforms: &[Affine3A]) -> Result<Vec<Aabb>> {
     let mut triangles = world_triangles(scene, transforms, selection);
     if triangles.is_empty() {
         return Err(Error::NoGeometry {
             reason: "no triangle is selected".into(),
         });
     }
-    context.check_storage_size("the triangles' boxes", 32 * triangles.len() as u64)?;
     let bounds = Aabb::around(triangles.iter().flat_map(|triangle| triangle.corners));
     let codes = MortonCodes::within(&bounds);
     triangles.sort_by_cached_key(|triangle| (codes.of(triangle.corners), triangle.surface));
-    let boxes: Vec<Aabb> = triangles
+    Ok(triangles
         .iter()
         .map(|triangle| Aabb::around(triangle.corners))
-        .collect();
-    let corners: Vec<[Vec4; 2]> = boxes
+        .collect())
+}
+
+/// As the shader reads them.
+fn corners(boxes: &[Aabb]) -> Vec<[Vec4; 2]> {
+    boxes
         .iter()
         .map(|one| [one.min.extend(0.0), one.max.extend(0.0)])
-        .collect();
-    let corners = context.buffer("boxes", &corners, wgpu::BufferUsages::STORAGE)?;
-    let structures = Structures::of_boxes(context, &boxes)?;
-    let bind_group = context.check("ray query over boxes", |device| {
-        device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("ray query over boxes"),
-            layout,
-            entries: &entries([structures.binding(), corners.as_entire_binding()]),
-        })
-    })?;
-    Ok((bind_group, corners.size()))
+        .collect()
 }

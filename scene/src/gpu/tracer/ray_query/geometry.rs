@@ -82,7 +82,8 @@ impl Geometry {
         Ok(geometry)
     }
 
-    /// Where the primitives of each instance's two geometries begin in the table, then all primitives.
+    /// Where the primitives of each instance's two geometries begin in the table, then all primitives; filled up to a
+    /// multiple of four.
     pub(super) fn primitive_table(&self) -> Vec<u32> {
         let mut table = vec![0; 2 * self.instance_count];
         let mut first = Vec::with_capacity(self.parts.len());
@@ -97,6 +98,7 @@ impl Geometry {
         for &(instance, part) in &self.placed {
             table[2 * instance as usize..][..2].copy_from_slice(&first[part]);
         }
+        table.resize(table.len().next_multiple_of(4), 0);
         table
     }
 }

@@ -9,26 +9,6 @@ use wgpu::{
 use super::geometry::{Geometry, Part};
 use crate::{Aabb, Error, Result, gpu::Context};
 
-/// What the shaders bind: an acceleration structure and a storage buffer.
-pub(super) fn layout(context: &Context) -> Result<wgpu::BindGroupLayout> {
-    let structure = wgpu::BindGroupLayoutEntry {
-        binding: 0,
-        visibility: wgpu::ShaderStages::all(),
-        ty: wgpu::BindingType::AccelerationStructure {
-            vertex_return: false,
-        },
-        count: None,
-    };
-    let mut storage = crate::gpu::tracer::storage_entries(2);
-    storage[0] = structure;
-    context.check("ray query", |device| {
-        device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("ray query"),
-            entries: &storage,
-        })
-    })
-}
-
 /// The structures of a tracer.
 #[derive(Debug)]
 pub(super) struct Structures {
@@ -98,8 +78,9 @@ impl Structures {
         })
     }
 
-    pub(super) fn binding(&self) -> wgpu::BindingResource<'_> {
-        self.top.as_binding()
+    /// What shaders bind.
+    pub(super) fn top(&self) -> &wgpu::Tlas {
+        &self.top
     }
 }
 

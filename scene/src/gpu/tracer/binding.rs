@@ -1,0 +1,140 @@
+//! What this crate's tracers bind: tables, and before them an acceleration structure if there is one.
+
+use crate::{
+    Result,
+    gpu::{
+        Context,
+        words::{Placement, Words},
+    },
+};
+
+/// Bind group 1 of a tracer.
+#[derive(Debug)]
+pub(crate) struct Binding {
+    label: &'static str,
+    placement: Placement,
+    layout: wgpu::BindGroupLayout,
+    group: wgpu::BindGroup,
+    bytes: u64,
+}
+
+/// A table's name and contents, a multiple of 16 bytes.
+pub(crate) type Table<'a> = (&'static str, &'a [u8]);
+
+impl Binding {
+    /// Uploads the tables.
+    ///
+    /// # Errors
+    /// [`Error::GpuLimit`](crate::Error::GpuLimit) when one is too large for the device,
+    /// [`Error::Gpu`](crate::Error::Gpu) when it fails.
+    pub(crate) fn new(
+        context: &Context,
+        label: &'static str,
+        structure: Option<&wgpu::Tlas>,
+        tables: &[Table<'_>],
+    ) -> Result<Self> {
+        let sizes: Vec<_> = tables
+            .iter()
+            .map(|(what, bytes)| (*what, bytes.len() as u64))
+            .collect();
+        let placement = Placement::of(context, &sizes)?;
+        let layout = context.check(label, |device| {
+            let structure = structure.map(|_| wgpu::BindGroupLayoutEntry {
+                binding: 0,
+                visibility: wgpu::ShaderStages::all(),
+                ty: wgpu::BindingType::AccelerationStructure {
+                    vertex_return: false,
+                },
+                count: None,
+            });
+            let mut entries = Vec::from_iter(structure);
+            for _ in tables {
+                entries.push(placement.layout_entry(entries.len() as u32));
+            }
+            device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+                label: Some(label),
+                entries: &entries,
+            })
+        })?;
+        let (group, bytes) = fill(context, label, placement, &layout, structure, tables)?;
+        Ok(Self {
+            label,
+            placement,
+            layout,
+            group,
+            bytes,
+        })
+    }
+
+    /// Binds others of the same kinds; the layout stays the same.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub(crate) fn replace(
+        &mut self,
+        context: &Context,
+        structure: Option<&wgpu::Tlas>,
+        tables: &[Table<'_>],
+    ) -> Result<()> {
+        (self.group, self.bytes) = fill(
+            context,
+            self.label,
+            self.placement,
+            &self.layout,
+            structure,
+            tables,
+        )?;
+        Ok(())
+    }
+
+    /// What [`GpuTracer::shader_flags`](super::GpuTracer::shader_flags) returns.
+    pub(crate) fn shader_flags(&self) -> &'static [&'static str] {
+        match self.placement {
+            Placement::Buffers => &[],
+            Placement::Textures => &["tracer_in_textures"],
+        }
+    }
+
+    pub(crate) fn layout(&self) -> &wgpu::BindGroupLayout {
+        &self.layout
+    }
+
+    pub(crate) fn group(&self) -> &wgpu::BindGroup {
+        &self.group
+    }
+
+    /// Bytes of the tables.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.bytes
+    }
+}
+
+fn fill(
+    context: &Context,
+    label: &str,
+    placement: Placement,
+    layout: &wgpu::BindGroupLayout,
+    structure: Option<&wgpu::Tlas>,
+    tables: &[Table<'_>],
+) -> Result<(wgpu::BindGroup, u64)> {
+    let tables = tables
+        .iter()
+        .map(|(label, bytes)| Words::new(context, placement, label, bytes))
+        .collect::<Result<Vec<_>>>()?;
+    let resources = structure.map(wgpu::Tlas::as_binding);
+    let resources = resources
+        .into_iter()
+        .chain(tables.iter().map(Words::binding));
+    let entries: Vec<_> = (0..)
+        .zip(resources)
+        .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
+        .collect();
+    let group = context.check(label, |device| {
+        device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(label),
+            layout,
+            entries: &entries,
+        })
+    })?;
+    Ok((group, tables.iter().map(Words::bytes).sum()))
+}
