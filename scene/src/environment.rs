@@ -92,6 +92,21 @@ impl EnvironmentMap {
         &self.texels
     }
 
+    /// Of every row the probability up to and including it, the cosines of its edges, and its solid angle.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn row_chances(&self) -> impl Iterator<Item = [f32; 4]> {
+        (0..self.height).zip(&self.row_cdf).map(|(y, &sum)| {
+            let [top, bottom] = [y, y + 1].map(|edge| row_cosine(edge, self.height));
+            [sum, top, bottom, row_solid_angle(y, self.height) as f32]
+        })
+    }
+
+    /// Of every texel the probability of those up to and including it in its row.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn texel_chances(&self) -> &[f32] {
+        &self.texel_cdf
+    }
+
     /// Whether no light comes from it.
     pub fn is_black(&self) -> bool {
         self.row_cdf.last().is_none_or(|&sum| sum == 0.0)

@@ -10,6 +10,7 @@
 //!    device can trace rays itself, [`RayQueryBoxTracer`] roughly. [`RayBatch`] asks one about rays in bulk.
 //! 5. A [`GBufferPass`] rasterises what a camera sees into the layers of a [`GBuffer`], which may also be another
 //!    renderer's; [`ShadowMaps`] are what the lights see. [`Rasters`] binds both for techniques.
+//! 6. [`mod@reference`] computes the right answer on the device.
 //!
 //! ```no_run
 //! use std::sync::Arc;
@@ -45,6 +46,7 @@ mod gbuffer;
 mod raster;
 mod rasters;
 mod read;
+pub mod reference;
 mod shader;
 mod shadow_map;
 mod timer;

@@ -11,10 +11,10 @@
 //! Camera rays and the shadow rays of the first surface are traced exactly; all other rays go to the tracer under
 //! test, see [`Tracers`]. Results do not depend on the number of threads.
 
-mod light_sampling;
+pub(crate) mod light_sampling;
 mod occlusion;
 mod path;
-mod render;
+pub(crate) mod render;
 
 use std::{fmt, str::FromStr};
 
@@ -189,18 +189,64 @@ pub struct Integrator<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> {
 
 /// What the list of quantities asks of the two kinds of estimates.
 #[derive(Clone, Debug)]
-struct Wanted {
-    quantities: Vec<Quantity>,
-    occlusion: bool,
-    radiance: Bounces,
-    irradiance: Bounces,
+pub(crate) struct Wanted {
+    pub(crate) quantities: Vec<Quantity>,
+    pub(crate) occlusion: bool,
+    pub(crate) radiance: Bounces,
+    pub(crate) irradiance: Bounces,
 }
 
 /// The first and last number of surface bounces whose light is wanted; empty when `last` is 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Bounces {
-    first: u32,
-    last: u32,
+pub(crate) struct Bounces {
+    pub(crate) first: u32,
+    pub(crate) last: u32,
+}
+
+impl Wanted {
+    fn new(quantities: &[Quantity], settings: &Settings) -> Self {
+        use Quantity::{
+            Direct, Indirect, IrradianceDirect, IrradianceIndirect, IrradiancePath, Path,
+        };
+        let bounces = |names| Bounces::of(quantities, names, settings.path_bounces);
+        Self {
+            quantities: quantities.to_vec(),
+            occlusion: quantities.iter().any(|quantity| quantity.is_occlusion()),
+            radiance: bounces([Direct, Indirect, Path]),
+            irradiance: bounces([IrradianceDirect, IrradianceIndirect, IrradiancePath]),
+        }
+    }
+
+    /// What quantities ask for, if settings are in their range and tracers know enough; `can_be_hit` says whether
+    /// scattered rays can find light.
+    pub(crate) fn checked(
+        quantities: &[Quantity],
+        settings: &Settings,
+        can_be_hit: bool,
+        [exact, secondary]: [Answers; 2],
+    ) -> Result<Self> {
+        settings.check(quantities)?;
+        let knows = |role: &str, answered: Answers, needed: Answers| {
+            if answered >= needed {
+                return Ok(());
+            }
+            Err(Error::TracerKnowsLess {
+                technique: "reference",
+                needed,
+                tracer: role.into(),
+                answered,
+            })
+        };
+        knows("the exact tracer", exact, Answers::Surface)?;
+        let needs = quantities.iter().map(|quantity| quantity.needs());
+        // Emitters with an extent are also found by scattered rays, whose hits must be known.
+        let needed = match quantities.iter().all(|quantity| quantity.is_occlusion()) {
+            false if can_be_hit => Answers::Surface,
+            _ => needs.max().unwrap_or(Answers::Occlusion),
+        };
+        knows("the secondary tracer", secondary, needed)?;
+        Ok(Self::new(quantities, settings))
+    }
 }
 
 impl Bounces {
@@ -234,45 +280,9 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Integrator<'a, E, S> {
         quantities: &[Quantity],
         settings: &Settings,
     ) -> Result<Self> {
-        settings.check(quantities)?;
-        let knows = |role: &str, answered: Answers, needed: Answers| {
-            if answered >= needed {
-                return Ok(());
-            }
-            Err(Error::TracerKnowsLess {
-                technique: "reference",
-                needed,
-                tracer: role.into(),
-                answered,
-            })
-        };
-        knows(
-            "the exact tracer",
-            tracers.exact.answers(),
-            Answers::Surface,
-        )?;
-        let needed = quantities
-            .iter()
-            .map(|quantity| quantity.needs())
-            .max()
-            .unwrap_or(Answers::Occlusion);
         let lights = LightSampler::new(scene);
-        // Emitters with an extent are also found by scattered rays, whose hits must be known.
-        let needed = match quantities.iter().all(|quantity| quantity.is_occlusion()) {
-            false if lights.can_be_hit() => Answers::Surface,
-            _ => needed,
-        };
-        knows("the secondary tracer", tracers.secondary.answers(), needed)?;
-        use Quantity::{
-            Direct, Indirect, IrradianceDirect, IrradianceIndirect, IrradiancePath, Path,
-        };
-        let bounces = |names| Bounces::of(quantities, names, settings.path_bounces);
-        let wanted = Wanted {
-            quantities: quantities.to_vec(),
-            occlusion: quantities.iter().any(|quantity| quantity.is_occlusion()),
-            radiance: bounces([Direct, Indirect, Path]),
-            irradiance: bounces([IrradianceDirect, IrradianceIndirect, IrradiancePath]),
-        };
+        let answers = [tracers.exact.answers(), tracers.secondary.answers()];
+        let wanted = Wanted::checked(quantities, settings, lights.can_be_hit(), answers)?;
         Ok(Self {
             scene,
             tracers,

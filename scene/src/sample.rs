@@ -19,11 +19,7 @@ pub struct Sampler {
 impl Sampler {
     /// Sample number `index` of the sequence that belongs to `seed` and `stream` (a pixel's number, for example).
     pub fn new(seed: u64, stream: u32, index: u32) -> Self {
-        let seed = hash(
-            hash(seed as u32)
-                ^ hash((seed >> 32) as u32).rotate_left(16)
-                ^ hash(stream ^ 0x5bd1_e995),
-        );
+        let seed = hash(hash_seed(seed) ^ hash(stream ^ 0x5bd1_e995));
         Self { seed, index }
     }
 
@@ -40,6 +36,11 @@ impl Sampler {
     pub fn get_1d(&self, dimension: u32) -> f32 {
         self.get_2d(dimension).x
     }
+}
+
+/// What a [`Sampler`] needs to know of its seed.
+pub(crate) fn hash_seed(seed: u64) -> u32 {
+    hash(seed as u32) ^ hash((seed >> 32) as u32).rotate_left(16)
 }
 
 /// A 32-bit integer hash with good avalanche (a multiply–xorshift bijection).

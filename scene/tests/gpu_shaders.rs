@@ -7,12 +7,14 @@ use std::sync::Arc;
 
 use glam::{Affine3A, Vec3};
 use isophote_scene::{
-    Camera, Error, Instance, Light, Material, Mesh, Scene, Selection,
+    Answers, BuildTracer, BvhTracer, Camera, Error, Instance, Light, Material, Mesh, Receivers,
+    Scene, Selection,
     gpu::{
         BuildGpuTracer, ComputeBvhTracer, Context, GBuffer, GBufferPass, GpuScene, GpuTracer,
         Linker, Rasters, RayBatch, RayQueryBoxTracer, RayQueryTracer, ShaderPackage, ShadowMaps,
-        ShadowOptions,
+        ShadowOptions, reference,
     },
+    reference::{Quantity, Settings},
 };
 
 /// A few triangles in one place.
@@ -101,6 +103,67 @@ const READ: ShaderPackage = ShaderPackage {
         }",
     )],
 };
+
+/// Every pass of the reference integrators becomes a pipeline. What the device then leaves undone is noticed.
+#[test]
+fn reference_passes_build_with_every_tracer() {
+    let scene = triangles();
+    let small = wgpu::Limits {
+        max_storage_buffer_binding_size: 512,
+        ..wgpu::Limits::default()
+    };
+    let contexts = [Context::noop(), Context::noop_within(small)];
+    for (context, in_textures) in contexts.iter().zip([false, true]) {
+        let gpu_scene = GpuScene::new(context, &scene).unwrap();
+        assert_eq!(gpu_scene.is_in_textures(), in_textures);
+        let tracers = tracers(context, &scene);
+        for exact in &tracers {
+            for secondary in &tracers {
+                check_reference(context, &scene, &gpu_scene, &**exact, &**secondary);
+            }
+        }
+    }
+}
+
+fn check_reference(
+    context: &Context,
+    scene: &Arc<Scene>,
+    gpu_scene: &GpuScene,
+    exact: &dyn GpuTracer,
+    secondary: &dyn GpuTracer,
+) {
+    let settings = Settings {
+        d_max: 1.0,
+        ..Settings::default()
+    };
+    let camera = Camera::framing(&scene.bounds());
+    let bvh = BvhTracer::build(scene, &Selection::default(), &Default::default()).unwrap();
+    let receivers = Receivers::from_camera(scene, &bvh, &camera, [8, 8]);
+    let quantities = match secondary.answers() {
+        Answers::Surface => &Quantity::ALL[..],
+        _ => &[Quantity::Ao, Quantity::Obscurance],
+    };
+    let world = reference::World {
+        scene,
+        gpu_scene,
+        exact,
+        secondary,
+    };
+    let none = &|_, _| {};
+    let mut integrator = reference::Integrator::new(context).unwrap();
+    let rendered = integrator.render(world, &camera, [8, 8], quantities, &settings, none);
+    let baked = integrator.bake(world, &receivers, quantities, &settings, none);
+    let expected = match exact.answers() {
+        Answers::Surface => "did not finish",
+        _ => "needs a tracer that answers Surface",
+    };
+    for error in [rendered.err(), baked.err()] {
+        let error = error.unwrap().to_string();
+        // Acceleration structures are not built here either.
+        let fits = error.contains(expected) || error.contains("Tlas");
+        assert!(fits, "{}, {}: {error}", exact.name(), secondary.name());
+    }
+}
 
 #[test]
 fn rasterising_passes_build() {

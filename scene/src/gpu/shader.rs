@@ -24,9 +24,18 @@ use crate::{Error, Result, shader_package};
 pub const SHADERS: ShaderPackage = shader_package!(
     "scene",
     [
+        "bsdf",
         "gbuffer/raster",
         "gbuffer/read",
         "ray",
+        "reference/camera",
+        "reference/direct",
+        "reference/light_sampling",
+        "reference/lit",
+        "reference/occlusion",
+        "reference/path",
+        "reference/work",
+        "sample",
         "scene_data",
         "shadow/raster",
         "shadow/read",

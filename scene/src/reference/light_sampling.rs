@@ -21,12 +21,54 @@ pub(super) struct LightSampler<'a> {
 }
 
 /// An emissive triangle.
-struct Emitter {
-    surface: SurfaceId,
+pub(crate) struct Emitter {
+    pub(crate) surface: SurfaceId,
     area: f32,
     /// Probability of this triangle, and of all up to and including it.
     probability: f32,
-    cumulative: f32,
+    pub(crate) cumulative: f32,
+}
+
+impl Emitter {
+    /// Probability over area.
+    pub(crate) fn density(&self) -> f32 {
+        self.probability / self.area
+    }
+}
+
+/// The emissive triangles of a scene in its order.
+pub(crate) fn emitters(scene: &Scene) -> Vec<Emitter> {
+    let mut emitters = Vec::new();
+    let mut total = 0.0_f64;
+    for (index, instance) in scene.instances.iter().enumerate() {
+        let mesh = scene.mesh(instance);
+        for (primitive, &material) in mesh.triangle_materials.iter().enumerate() {
+            let material = &scene.materials[material as usize];
+            if !material.is_emissive() {
+                continue;
+            }
+            let [a, b, c] = mesh
+                .corners(primitive)
+                .map(|corner| instance.transform.transform_point3(corner));
+            let area = crate::area(a, b, c) as f32;
+            let power = f64::from(area * material.emissive.element_sum());
+            let surface = SurfaceId {
+                instance: index as u32,
+                primitive: primitive as u32,
+            };
+            total += power;
+            emitters.push((surface, area, power, total));
+        }
+    }
+    emitters
+        .into_iter()
+        .map(|(surface, area, power, sum)| Emitter {
+            surface,
+            area,
+            probability: (power / total) as f32,
+            cumulative: (sum / total) as f32,
+        })
+        .collect()
 }
 
 /// Light that arrives from one chosen direction, if nothing is in the way.
@@ -44,37 +86,7 @@ pub(super) struct Incoming {
 
 impl<'a> LightSampler<'a> {
     pub(super) fn new(scene: &'a Scene) -> Self {
-        let mut emitters = Vec::new();
-        let mut total = 0.0_f64;
-        for (index, instance) in scene.instances.iter().enumerate() {
-            let mesh = scene.mesh(instance);
-            for (primitive, &material) in mesh.triangle_materials.iter().enumerate() {
-                let material = &scene.materials[material as usize];
-                if !material.is_emissive() {
-                    continue;
-                }
-                let [a, b, c] = mesh
-                    .corners(primitive)
-                    .map(|corner| instance.transform.transform_point3(corner));
-                let area = crate::area(a, b, c) as f32;
-                let power = f64::from(area * material.emissive.element_sum());
-                let surface = SurfaceId {
-                    instance: index as u32,
-                    primitive: primitive as u32,
-                };
-                total += power;
-                emitters.push((surface, area, power, total));
-            }
-        }
-        let emitters: Vec<Emitter> = emitters
-            .into_iter()
-            .map(|(surface, area, power, sum)| Emitter {
-                surface,
-                area,
-                probability: (power / total) as f32,
-                cumulative: (sum / total) as f32,
-            })
-            .collect();
+        let emitters = emitters(scene);
         let index = emitters
             .iter()
             .enumerate()
@@ -197,7 +209,7 @@ impl<'a> LightSampler<'a> {
     ) -> f32 {
         let cosine = target.geometric_normal.dot(direction).abs();
         let squared = (target.position - origin).length_squared();
-        emitter.probability / emitter.area * squared / cosine
+        emitter.density() * squared / cosine
     }
 }
 

@@ -57,7 +57,8 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Integrator<'_, E, S> {
         let mut bound = 1.0;
         for bounce in 1..=bounces.last {
             let material = self.scene.surface_material(&point);
-            if material.unlit && !irradiance {
+            // The irradiance of an unlit surface is known, but it reflects none of it.
+            if material.unlit && !(irradiance && bounce == 1) {
                 if bounce == 1 {
                     sum.add(material.base_color, 1, 1.0, limit);
                 }

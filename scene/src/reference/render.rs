@@ -6,14 +6,14 @@ use glam::{UVec2, Vec3};
 use rayon::prelude::*;
 
 use super::{Integrator, Normals, Quantity, Settings, Tracers, facing};
-use crate::{Camera, Error, Receivers, Result, Scene, Tracer, sample::Sampler};
+use crate::{Camera, Error, Hit, Ray, Receivers, Result, Scene, Tracer, sample::Sampler};
 
 /// Pixels or receivers that one task computes.
 const CHUNK: usize = 64;
 
 /// Told how far the work is; called from many threads.
 pub trait Progress: Sync {
-    /// `done` of `total` pixels or receivers are finished. Not called in order.
+    /// `done` of `total` equal parts of the work are finished. Not called in order.
     fn advance(&self, done: u64, total: u64);
 }
 
@@ -79,14 +79,8 @@ pub fn render<E: Tracer + ?Sized, S: Tracer + ?Sized>(
     settings: &Settings,
     progress: &dyn Progress,
 ) -> Result<Render> {
+    check_size(size)?;
     let [width, height] = size;
-    if width == 0 || height == 0 {
-        return Err(Error::Parameter {
-            name: "the size",
-            value: format!("{width}x{height}"),
-            expected: "there must be at least one pixel",
-        });
-    }
     let integrator = Integrator::new(scene, tracers, quantities, settings)?;
     let sample = |pixel: usize, sampler: &Sampler, sums: &mut [Vec3]| {
         let corner = UVec2::new(pixel as u32 % width, pixel as u32 / width).as_vec2();
@@ -109,6 +103,17 @@ pub fn render<E: Tracer + ?Sized, S: Tracer + ?Sized>(
         estimates,
         layers,
         rays,
+    })
+}
+
+pub(crate) fn check_size([width, height]: [u32; 2]) -> Result<()> {
+    if width > 0 && height > 0 {
+        return Ok(());
+    }
+    Err(Error::Parameter {
+        name: "the size",
+        value: format!("{width}x{height}"),
+        expected: "there must be at least one pixel",
     })
 }
 
@@ -148,7 +153,7 @@ fn estimate(
     sample: &(impl Fn(usize, &Sampler, &mut [Vec3]) -> u64 + Sync),
 ) -> (Vec<Estimate>, u64) {
     let columns = quantities.len();
-    let samples = [settings.samples.div_ceil(2), settings.samples / 2];
+    let samples = settings.halves();
     let (done, rays) = (AtomicU64::new(0), AtomicU64::new(0));
     let mut halves = vec![Vec3::ZERO; 2 * columns * count];
     halves
@@ -172,9 +177,29 @@ fn estimate(
                 count as u64,
             );
         });
+    let estimates = estimates(quantities, settings, &halves);
+    (estimates, rays.into_inner())
+}
+
+impl Settings {
+    /// How many samples the two halves of a pixel or receiver have.
+    pub(crate) fn halves(&self) -> [u32; 2] {
+        [self.samples.div_ceil(2), self.samples / 2]
+    }
+}
+
+/// Values and noise from the sums of the two halves of every pixel or receiver: `halves` holds a value of every quantity
+/// for the first half, then for the second, then of the next pixel.
+pub(crate) fn estimates(
+    quantities: &[Quantity],
+    settings: &Settings,
+    halves: &[Vec3],
+) -> Vec<Estimate> {
+    let columns = quantities.len();
+    let count = halves.len() / (2 * columns);
     let column = |(column, &quantity)| {
         let half = |pixel: usize, half: usize| halves[(2 * pixel + half) * columns + column];
-        let total = settings.samples as f32;
+        let (total, samples) = (settings.samples as f32, settings.halves());
         let values = (0..count)
             .map(|pixel| (half(pixel, 0) + half(pixel, 1)) / total)
             .collect();
@@ -186,10 +211,7 @@ fn estimate(
             noise,
         }
     };
-    (
-        quantities.iter().enumerate().map(column).collect(),
-        rays.into_inner(),
-    )
+    quantities.iter().enumerate().map(column).collect()
 }
 
 /// relRMSE of the mean of two independent halves: half of their RMS difference over the mean.
@@ -216,36 +238,56 @@ impl Layers {
         normals: Normals,
     ) -> Self {
         let [width, height] = size;
-        let forward = -Vec3::from(camera.transform.matrix3.z_axis).normalize_or(Vec3::Z);
         let mut layers = Self::default();
         for y in 0..height {
-            let row: Vec<_> = (0..width)
+            let hits: Vec<_> = (0..width)
                 .into_par_iter()
-                .map(|x| {
-                    let ray = camera.ray(UVec2::new(x, y).as_vec2() + 0.5, width, height);
-                    let hit = tracer.closest_hit(&ray)?;
-                    Some((ray, hit, scene.surface_point(&hit)))
-                })
+                .map(|x| tracer.closest_hit(&center_ray(camera, [x, y], size)))
                 .collect();
-            for seen in row {
-                let Some((ray, hit, point)) = seen else {
-                    layers.push(Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, f32::INFINITY, [-1.0; 2]);
-                    continue;
-                };
-                let normal = match normals {
-                    Normals::Smooth => point.shading_normal,
-                    Normals::Flat => point.geometric_normal,
-                };
-                layers.push(
-                    scene.surface_material(&point).base_color,
-                    facing(normal, -ray.direction),
-                    point.position,
-                    hit.t * ray.direction.dot(forward),
-                    [hit.surface.primitive as f32, hit.surface.instance as f32],
-                );
-            }
+            layers.push_row(scene, camera, normals, size, &hits);
         }
         layers
+    }
+
+    /// Adds the next row, by what the rays through its pixels' centres have hit.
+    pub(crate) fn push_row(
+        &mut self,
+        scene: &Scene,
+        camera: &Camera,
+        normals: Normals,
+        size: [u32; 2],
+        hits: &[Option<Hit>],
+    ) {
+        let forward = -Vec3::from(camera.transform.matrix3.z_axis).normalize_or(Vec3::Z);
+        let y = (self.depth.len() / hits.len()) as u32;
+        let row: Vec<_> = (0..hits.len() as u32)
+            .into_par_iter()
+            .zip(hits)
+            .map(|(x, hit)| {
+                let hit = (*hit)?;
+                let direction = center_ray(camera, [x, y], size).direction;
+                let point = scene.surface_point(&hit);
+                let albedo = scene.surface_material(&point).base_color;
+                Some((hit, direction, point, albedo))
+            })
+            .collect();
+        for seen in row {
+            let Some((hit, direction, point, albedo)) = seen else {
+                self.push(Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, f32::INFINITY, [-1.0; 2]);
+                continue;
+            };
+            let normal = match normals {
+                Normals::Smooth => point.shading_normal,
+                Normals::Flat => point.geometric_normal,
+            };
+            self.push(
+                albedo,
+                facing(normal, -direction),
+                point.position,
+                hit.t * direction.dot(forward),
+                [hit.surface.primitive as f32, hit.surface.instance as f32],
+            );
+        }
     }
 
     fn push(
@@ -263,4 +305,9 @@ impl Layers {
         self.primitive.push(primitive);
         self.instance.push(instance);
     }
+}
+
+/// The ray through the centre of a pixel.
+pub(crate) fn center_ray(camera: &Camera, [x, y]: [u32; 2], [width, height]: [u32; 2]) -> Ray {
+    camera.ray(UVec2::new(x, y).as_vec2() + 0.5, width, height)
 }
