@@ -9,12 +9,15 @@ mod compare;
 mod devices;
 mod display;
 #[cfg(feature = "gpu")]
+mod gpu;
+#[cfg(feature = "gpu")]
 mod gpu_rays;
 mod info;
 mod metrics;
 mod npy;
 mod output;
 mod rays;
+mod reference;
 mod render;
 mod scene_args;
 mod settings;

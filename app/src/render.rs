@@ -7,17 +7,18 @@ use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use isophote_scene::{
     Camera, Image, Scene, Selection, check_writable,
-    reference::{self, Materials, Normals, Quantity, Render, Settings, Tracers},
+    reference::{Materials, Normals, Quantity, Render, Settings},
 };
 use serde::Serialize;
 
 use crate::{
     output::{
-        PROGRAM, Program, Voice, device, has_suffix, memory_available_bytes, memory_peak_bytes,
-        print_json, timed,
+        PROGRAM, Program, Voice, has_suffix, memory_available_bytes, memory_peak_bytes, print_json,
+        timed,
     },
+    reference::{Ground, Made, Order},
     scene_args::{SceneArgs, choose_camera, require_geometry, require_light},
-    tracers::TracerChoice,
+    tracers::{AnyTracer, Device, choose},
     values,
 };
 
@@ -32,6 +33,7 @@ Examples:
   isophote render hall.glb --quantity ao --d-max 1.5 --spp 256 -o ao.exr
   isophote render hall.glb --quantity direct,indirect,path --materials lambert --size 1280x720 -o hall.exr
   isophote render --settings hall.exr --seed 2 -o again.exr   (with another seed)
+  isophote render hall.glb --device gpu --tracer ray-query --spp 1024 -o hall.exr
   isophote render room.obj --environment sky.hdr --add bunny.glb@0,0.8,0,0.5,30 -o room.png --exposure 1";
 
 /// Render a scene.
@@ -44,9 +46,15 @@ pub(crate) struct RenderArgs {
     /// How light is calculated
     #[arg(long, value_enum, default_value = "reference")]
     technique: Technique,
-    /// Who answers its rays
-    #[arg(long, value_enum, default_value = "bvh")]
-    tracer: TracerChoice,
+    /// Who answers its rays; bvh on the CPU and compute-bvh on a GPU unless given
+    #[arg(long, value_enum)]
+    tracer: Option<AnyTracer>,
+    /// Where; auto is where the tracer runs, or a GPU if there is one in hardware
+    #[arg(long, value_enum, default_value = "auto")]
+    device: Device,
+    /// A part of the name of the GPU to use; the fastest unless given (`isophote devices` lists them)
+    #[arg(long, value_name = "NAME")]
+    adapter: Option<String>,
     /// What to calculate: ao, obscurance, direct, indirect, path, irradiance.direct, irradiance.indirect or
     /// irradiance.path; several with commas
     #[arg(
@@ -144,6 +152,9 @@ struct Report<'a> {
     seconds: Seconds,
     rays: u64,
     rays_per_second: f64,
+    /// By pass and the GPU's own clock, where it has one.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    gpu_seconds: BTreeMap<String, f64>,
     /// relRMSE of each quantity, from two independent halves of the samples.
     noise: BTreeMap<String, f32>,
     memory_peak_bytes: Option<u64>,
@@ -162,6 +173,8 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
     let voice = Voice::new(args.quiet);
     check_settings(args)?;
     check_memory(args)?;
+    let choice = choose(args.device, args.tracer, args.adapter.as_deref())?;
+    settings.insert("tracer".into(), choice.name());
     let mut seconds = Seconds::default();
     let name = args.scene.as_deref().unwrap_or_default();
     let (scene, time) = timed(|| args.changes.load(name, voice));
@@ -176,24 +189,25 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
         bounds: args.changes.bounds(),
         ..Selection::default()
     };
-    let (tracer, time) = timed(|| args.tracer.build(&scene, &selection));
-    let tracer = tracer?;
+    let adapter = args.adapter.as_deref();
+    let (ground, time) = timed(|| Ground::build(choice, adapter, &scene, &selection));
+    let ground = ground?;
     seconds.build = time;
-    let tracers = Tracers {
-        exact: &*tracer.tracer,
-        secondary: &*tracer.tracer,
+    let (made, time) = match args.technique {
+        Technique::Reference => timed(|| by_reference(args, &scene, &ground, &camera, voice)),
     };
-    let (render, time) = match args.technique {
-        Technique::Reference => timed(|| by_reference(args, &scene, tracers, &camera, voice)),
-    };
-    let render = render?;
+    let Made {
+        render,
+        gpu_seconds,
+    } = made?;
     seconds.render = time;
     let noise: BTreeMap<String, f32> = render
         .estimates
         .iter()
         .map(|estimate| (estimate.quantity.to_string(), estimate.noise))
         .collect();
-    let (rays, picture) = (render.rays, picture(render, &settings));
+    let device = ground.device();
+    let (rays, picture) = (render.rays, picture(render, &settings, &device));
     let (written, time) = timed(|| write(args, &picture, voice));
     written?;
     seconds.write = time;
@@ -203,14 +217,15 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
     print_json(&Report {
         outputs: &args.output,
         program: PROGRAM,
-        device: device(),
+        device,
         threads: rayon::current_num_threads(),
         settings: &settings,
         triangles: scene.triangle_count(),
-        tracer_bytes: tracer.bytes,
+        tracer_bytes: ground.bytes(),
         rays,
         rays_per_second: rays as f64 / seconds.render,
         seconds,
+        gpu_seconds,
         noise,
         memory_peak_bytes: memory_peak_bytes(),
     })
@@ -278,10 +293,10 @@ fn check_memory(args: &RenderArgs) -> Result<()> {
 fn by_reference(
     args: &RenderArgs,
     scene: &Scene,
-    tracers: Tracers<'_, dyn isophote_scene::Tracer, dyn isophote_scene::Tracer>,
+    ground: &Ground,
     camera: &Camera,
     voice: Voice,
-) -> Result<Render> {
+) -> Result<Made> {
     let settings = Settings {
         d_max: args.d_max,
         min_d: args.min_d,
@@ -302,17 +317,15 @@ fn by_reference(
         bar.set_length(total);
         bar.set_position(bar.position().max(done));
     };
-    let render = reference::render(
-        scene,
-        tracers,
+    let order = Order {
         camera,
-        args.size,
-        &args.quantity,
-        &settings,
-        &advance,
-    );
+        size: args.size,
+        quantities: &args.quantity,
+        settings: &settings,
+    };
+    let made = ground.render(scene, order, &advance);
     bar.finish_and_clear();
-    Ok(render?)
+    made
 }
 
 /// On standard error; indicatif hides it where that is no terminal.
@@ -331,7 +344,7 @@ fn progress_bar(voice: Voice) -> ProgressBar {
 }
 
 /// The file's image: quantities, layers, and the header.
-fn picture(render: Render, settings: &BTreeMap<String, String>) -> Image {
+fn picture(render: Render, settings: &BTreeMap<String, String>, device: &str) -> Image {
     let [width, height] = render.size;
     let mut image = Image::new(width, height);
     image.attributes.clone_from(settings);
@@ -360,7 +373,7 @@ fn picture(render: Render, settings: &BTreeMap<String, String>) -> Image {
         // OpenEXR has a meaning of its own for `version` and `software`.
         ("isophote", PROGRAM.version),
         ("commit", PROGRAM.commit.unwrap_or("unknown")),
-        ("device", &device()),
+        ("device", device),
         ("rays", &render.rays.to_string()),
     ] {
         image.attributes.insert(name.into(), value.into());

@@ -7,7 +7,9 @@ use std::{collections::BTreeMap, ffi::OsString};
 use clap::{Arg, ArgAction, ArgMatches, Command, parser::ValueSource};
 
 /// Flags that say where results go and how fast, not what is in them.
-const NOT_SETTINGS: [&str; 6] = ["output", "settings", "quiet", "json", "threads", "help"];
+const NOT_SETTINGS: [&str; 8] = [
+    "output", "settings", "quiet", "json", "threads", "device", "adapter", "help",
+];
 
 /// Values are divided by this in a header where a flag may be repeated.
 const DIVIDER: char = '\n';

@@ -256,7 +256,7 @@ impl Built {
         match self {
             Self::Cpu(built) => built.bytes,
             #[cfg(feature = "gpu")]
-            Self::Gpu(rays) => rays.bytes,
+            Self::Gpu(rays) => rays.gpu.bytes,
         }
     }
 
@@ -264,7 +264,7 @@ impl Built {
         match self {
             Self::Cpu(_) => device(),
             #[cfg(feature = "gpu")]
-            Self::Gpu(rays) => rays.device(),
+            Self::Gpu(rays) => rays.gpu.device(),
         }
     }
 

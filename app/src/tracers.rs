@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 #[cfg(feature = "gpu")]
-use crate::gpu_rays::has_hardware;
+use crate::gpu::has_hardware;
 use anyhow::{Result, bail};
 use clap::ValueEnum;
 use isophote_scene::{BruteForceTracer, BuildTracer, BvhTracer, Scene, Selection, Tracer};
@@ -91,10 +91,16 @@ pub(crate) fn choose(
     };
     match (choice, device, adapter) {
         (Choice::Cpu(_), Device::Gpu, _) => {
-            bail!("{} runs on the CPU: leave out --device gpu", choice.name())
+            bail!(
+                "{} runs on the CPU: leave out --device gpu, or choose compute-bvh or ray-query",
+                choice.name()
+            )
         }
         (Choice::Gpu(_), Device::Cpu, _) => {
-            bail!("{} runs on a GPU: leave out --device cpu", choice.name())
+            bail!(
+                "{} runs on a GPU: leave out --device cpu, or choose bvh",
+                choice.name()
+            )
         }
         (Choice::Cpu(_), _, Some(_)) => {
             bail!("{} runs on the CPU: leave out --adapter", choice.name())

@@ -1,4 +1,4 @@
-//! The program on a GPU: what there is, and rays that are answered as on the CPU.
+//! The program on a GPU: what there is, rays that are answered as on the CPU, and pictures that are the same.
 #![cfg(feature = "gpu")]
 #![expect(clippy::unwrap_used, reason = "a test's helpers may fail the test")]
 
@@ -107,6 +107,53 @@ fn gpu_tracers_answer_as_the_cpu_does() {
 }
 
 #[test]
+fn a_gpu_renders_the_same_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let Some(adapter) = adapters(at).into_iter().next() else {
+        return;
+    };
+    let name = adapter["name"].as_str().unwrap();
+    let render = [
+        "render",
+        "builtin:cornell",
+        "--quantity=ao",
+        "--d-max=0.3",
+        "--size=40x30",
+        "--spp=5",
+        "--json",
+    ];
+    let on_cpu = json(
+        at,
+        &[&render[..], &["--device=cpu", "-o", "cpu.exr"]].concat(),
+    );
+    let chosen = ["--device=gpu", "--adapter", name, "-o", "gpu.exr"];
+    let on_gpu = json(at, &[&render[..], &chosen].concat());
+    assert_eq!(on_cpu["settings"]["tracer"], "bvh");
+    assert_eq!(on_gpu["settings"]["tracer"], "compute-bvh");
+    assert!(
+        on_gpu["device"].as_str().unwrap().contains(name),
+        "{on_gpu}"
+    );
+    let ratio = |key: &str| on_gpu[key].as_f64().unwrap() / on_cpu[key].as_f64().unwrap();
+    assert!((ratio("rays") - 1.0).abs() < 1e-2, "{on_gpu} {on_cpu}");
+    let compared = json(at, &["compare", "gpu.exr", "cpu.exr", "--json"]);
+    let rms = compared["grey_rms"].as_f64().unwrap();
+    assert!(rms < 1.0, "{compared}");
+    // The header repeats the picture on the device that it came from.
+    let again = [
+        "render",
+        "--settings=gpu.exr",
+        "--size=8x6",
+        "--json",
+        "-o",
+        "again.exr",
+    ];
+    let again = json(at, &again);
+    assert_eq!(again["settings"]["tracer"], "compute-bvh");
+}
+
+#[test]
 fn wrong_devices_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
@@ -138,5 +185,14 @@ fn wrong_devices_are_refused() {
         assert_eq!(output.status.code(), Some(2), "{choice:?}: {said}");
         assert!(said.contains(expected), "{choice:?}: {said}");
         assert!(!at.join("hits.npy").exists(), "{choice:?}");
+        let render = ["render", "builtin:cornell", "--size=8x6", "-o", "p.exr"];
+        let output = run(at, &[&render[..], choice].concat());
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{choice:?}: {said}");
+        assert!(
+            said.contains(expected) && said.lines().count() == 1,
+            "{choice:?}: {said}"
+        );
+        assert!(!at.join("p.exr").exists(), "{choice:?}");
     }
 }

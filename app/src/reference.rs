@@ -1,0 +1,168 @@
+//! The reference integrators with a tracer from the command line, on the CPU or on a GPU.
+
+use std::{collections::BTreeMap, sync::Arc};
+
+use anyhow::Result;
+#[cfg(not(feature = "gpu"))]
+use anyhow::bail;
+#[cfg(feature = "gpu")]
+use isophote_scene::{
+    Answers,
+    gpu::{self, GpuTracer},
+};
+use isophote_scene::{
+    Camera, Scene, Selection,
+    reference::{self, Progress, Quantity, Render, Settings, Tracers},
+};
+
+#[cfg(feature = "gpu")]
+use crate::{
+    gpu::{Gpu, build},
+    tracers::GpuTracerChoice,
+};
+use crate::{
+    output::device,
+    tracers::{BuiltTracer, Choice},
+};
+
+/// A tracer that is ready, where it runs.
+pub(crate) enum Ground {
+    Cpu(BuiltTracer),
+    #[cfg(feature = "gpu")]
+    Gpu {
+        gpu: Box<Gpu>,
+        /// Who answers camera rays and the shadow rays of what the camera sees, where the tracer cannot.
+        exact: Option<Box<dyn GpuTracer>>,
+    },
+}
+
+/// A picture to be made.
+#[derive(Clone, Copy)]
+pub(crate) struct Order<'a> {
+    pub(crate) camera: &'a Camera,
+    pub(crate) size: [u32; 2],
+    pub(crate) quantities: &'a [Quantity],
+    pub(crate) settings: &'a Settings,
+}
+
+/// A picture, and how long each pass took by the GPU's clock.
+pub(crate) struct Made {
+    pub(crate) render: Render,
+    pub(crate) gpu_seconds: BTreeMap<String, f64>,
+}
+
+impl Ground {
+    /// Builds the tracer; `adapter` is a part of a GPU's name.
+    pub(crate) fn build(
+        choice: Choice,
+        adapter: Option<&str>,
+        scene: &Arc<Scene>,
+        selection: &Selection,
+    ) -> Result<Self> {
+        match choice {
+            Choice::Cpu(choice) => choice.build(scene, selection).map(Self::Cpu),
+            #[cfg(feature = "gpu")]
+            Choice::Gpu(choice) => {
+                let gpu = Gpu::build(choice, adapter, scene, selection)?;
+                let exact = if gpu.tracer.answers() < Answers::Surface {
+                    let bvh = GpuTracerChoice::ComputeBvh;
+                    Some(build(bvh, &gpu.context, scene, selection)?.0)
+                } else {
+                    None
+                };
+                Ok(Self::Gpu {
+                    gpu: Box::new(gpu),
+                    exact,
+                })
+            }
+            #[cfg(not(feature = "gpu"))]
+            Choice::Gpu(_) => {
+                bail!("no GPU {adapter:?}: this program was built without its feature `gpu`")
+            }
+        }
+    }
+
+    /// Held by the tracer's own structures.
+    pub(crate) fn bytes(&self) -> usize {
+        match self {
+            Self::Cpu(built) => built.bytes,
+            #[cfg(feature = "gpu")]
+            Self::Gpu { gpu, .. } => gpu.bytes,
+        }
+    }
+
+    /// What computes.
+    pub(crate) fn device(&self) -> String {
+        match self {
+            Self::Cpu(_) => device(),
+            #[cfg(feature = "gpu")]
+            Self::Gpu { gpu, .. } => gpu.device(),
+        }
+    }
+
+    /// Renders a scene, which must be that of the tracer.
+    pub(crate) fn render(
+        &self,
+        scene: &Scene,
+        order: Order<'_>,
+        progress: &dyn Progress,
+    ) -> Result<Made> {
+        match self {
+            Self::Cpu(built) => {
+                let tracers = Tracers {
+                    exact: &*built.tracer,
+                    secondary: &*built.tracer,
+                };
+                let Order {
+                    camera,
+                    size,
+                    quantities,
+                    settings,
+                } = order;
+                let render = reference::render(
+                    scene, tracers, camera, size, quantities, settings, progress,
+                )?;
+                Ok(Made {
+                    render,
+                    gpu_seconds: BTreeMap::new(),
+                })
+            }
+            #[cfg(feature = "gpu")]
+            Self::Gpu { gpu, exact } => {
+                let exact = exact.as_deref().unwrap_or(&*gpu.tracer);
+                on_gpu(gpu, exact, scene, order, progress)
+            }
+        }
+    }
+}
+
+#[cfg(feature = "gpu")]
+fn on_gpu(
+    gpu: &Gpu,
+    exact: &dyn GpuTracer,
+    scene: &Scene,
+    order: Order<'_>,
+    progress: &dyn Progress,
+) -> Result<Made> {
+    let mut integrator = gpu::reference::Integrator::new(&gpu.context)?;
+    let world = gpu::reference::World {
+        scene,
+        gpu_scene: &gpu.scene,
+        exact,
+        secondary: &*gpu.tracer,
+    };
+    let Order {
+        camera,
+        size,
+        quantities,
+        settings,
+    } = order;
+    let render = integrator.render(world, camera, size, quantities, settings, progress)?;
+    let times = integrator.take_times().into_iter();
+    Ok(Made {
+        render,
+        gpu_seconds: times
+            .map(|pass| (pass.name, pass.time.as_secs_f64()))
+            .collect(),
+    })
+}
