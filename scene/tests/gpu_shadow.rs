@@ -2,9 +2,13 @@
 #![cfg(feature = "gpu")]
 #![expect(clippy::unwrap_used, reason = "tests may")]
 
+#[path = "support/compute.rs"]
+mod compute;
+
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
+use compute::compute;
 use glam::{Affine3A, Quat, UVec2, Vec3, Vec4};
 use isophote_scene::{
     BuildTracer, BvhTracer, Image, Instance, Light, LightKind, Material, Mesh, Ray, Scene,
@@ -68,71 +72,30 @@ fn ask(context: &Context, scene: &Scene, options: &ShadowOptions, points: &mut [
     let gpu_scene = GpuScene::new(context, scene).unwrap();
     let maps = ShadowMaps::new(context, &scene.lights, options).unwrap();
     let rasters = Rasters::new(context, None, Some(&maps)).unwrap();
-    let device = context.device();
     let buffer = context
         .buffer("points", points, wgpu::BufferUsages::STORAGE)
         .unwrap();
-    let layout = |entries: &[wgpu::BindGroupLayoutEntry]| {
-        device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: None,
-            entries,
-        })
-    };
-    let own = layout(&[wgpu::BindGroupLayoutEntry {
-        binding: 0,
-        visibility: wgpu::ShaderStages::COMPUTE,
-        ty: wgpu::BindingType::Buffer {
-            ty: wgpu::BufferBindingType::Storage { read_only: false },
-            has_dynamic_offset: false,
-            min_binding_size: None,
-        },
-        count: None,
-    }]);
-    let empty = layout(&[]);
-    let group = |layout, entries: &[wgpu::BindGroupEntry<'_>]| {
-        device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: None,
-            layout,
-            entries,
-        })
-    };
-    let questions = group(
-        &own,
-        &[wgpu::BindGroupEntry {
-            binding: 0,
-            resource: buffer.as_entire_binding(),
-        }],
-    );
-    let nothing = group(&empty, &[]);
-    let layouts = [
-        &own,
-        &empty,
-        gpu_scene.bind_group_layout(),
-        rasters.bind_group_layout(),
-    ];
-    let pipeline = Linker::default()
+    let shader = Linker::default()
         .scene(&gpu_scene)
         .package(PACKAGE)
         .link("test_shadow::ask")
-        .unwrap()
-        .compute_pipeline(context, "ask", &layouts)
         .unwrap();
-    let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    let mut encoder = context
+        .device()
+        .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
     maps.record(context, &mut encoder, &gpu_scene, &scene.lights, None)
         .unwrap();
-    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-    pass.set_pipeline(&pipeline);
-    let groups = [
-        &questions,
-        &nothing,
-        gpu_scene.bind_group(),
-        rasters.bind_group(),
-    ];
-    for (index, group) in (0..).zip(groups) {
-        pass.set_bind_group(index, group, &[]);
-    }
-    pass.dispatch_workgroups((points.len() as u32).div_ceil(64), 1, 1);
-    drop(pass);
+    compute(
+        context,
+        &mut encoder,
+        (&shader, "ask"),
+        &[&buffer],
+        &[
+            (2, gpu_scene.bind_group_layout(), gpu_scene.bind_group()),
+            (3, rasters.bind_group_layout(), rasters.bind_group()),
+        ],
+        [(points.len() as u32).div_ceil(64), 1],
+    );
     context.submit("shadows", encoder).unwrap();
     points.copy_from_slice(&context.read("points", &buffer, points.len()).unwrap());
 }

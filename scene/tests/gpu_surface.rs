@@ -2,9 +2,13 @@
 #![cfg(feature = "gpu")]
 #![expect(clippy::unwrap_used, reason = "a test may fail")]
 
+#[path = "support/compute.rs"]
+mod compute;
+
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
+use compute::compute;
 use glam::{Affine2, Affine3A, Quat, Vec2, Vec3, Vec4};
 use isophote_scene::{
     Alpha, ColorSpace, Environment, EnvironmentMap, Filter, Hit, Instance, Light, LightKind,
@@ -218,48 +222,17 @@ fn ask(context: &Context, scene: &GpuScene, questions: &[Question]) -> Vec<Answe
     let asked = context.buffer("questions", questions, storage).unwrap();
     let answered = vec![Answer::zeroed(); questions.len()];
     let answered = context.buffer("answers", &answered, storage).unwrap();
-    let device = context.device();
-    let binding = |binding, read_only| wgpu::BindGroupLayoutEntry {
-        binding,
-        visibility: wgpu::ShaderStages::COMPUTE,
-        ty: wgpu::BindingType::Buffer {
-            ty: wgpu::BufferBindingType::Storage { read_only },
-            has_dynamic_offset: false,
-            min_binding_size: None,
-        },
-        count: None,
-    };
-    let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: None,
-        entries: &[binding(0, true), binding(1, false)],
-    });
-    let none = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: None,
-        entries: &[],
-    });
-    let layouts = [&layout, &none, scene.bind_group_layout()];
-    let pipeline = shader.compute_pipeline(context, "probe", &layouts).unwrap();
-    let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: None,
-        layout: &layout,
-        entries: &[
-            wgpu::BindGroupEntry {
-                binding: 0,
-                resource: asked.as_entire_binding(),
-            },
-            wgpu::BindGroupEntry {
-                binding: 1,
-                resource: answered.as_entire_binding(),
-            },
-        ],
-    });
-    let mut encoder = device.create_command_encoder(&Default::default());
-    let mut pass = encoder.begin_compute_pass(&Default::default());
-    pass.set_pipeline(&pipeline);
-    pass.set_bind_group(0, &group, &[]);
-    pass.set_bind_group(2, scene.bind_group(), &[]);
-    pass.dispatch_workgroups(questions.len().div_ceil(64) as u32, 1, 1);
-    drop(pass);
+    let mut encoder = context
+        .device()
+        .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    compute(
+        context,
+        &mut encoder,
+        (&shader, "probe"),
+        &[&asked, &answered],
+        &[(2, scene.bind_group_layout(), scene.bind_group())],
+        [questions.len().div_ceil(64) as u32, 1],
+    );
     context.submit("probe", encoder).unwrap();
     context.read("answers", &answered, questions.len()).unwrap()
 }

@@ -1,6 +1,10 @@
 //! Fills a G-buffer and brings it back, as a technique would read it.
 
+#[path = "compute.rs"]
+mod compute;
+
 use bytemuck::{Pod, Zeroable};
+use compute::compute;
 use glam::Vec3;
 use isophote_scene::{
     Camera,
@@ -70,57 +74,22 @@ pub(crate) fn read(context: &Context, gbuffer: &GBuffer) -> Vec<Seen> {
         .buffer("records", &records, wgpu::BufferUsages::STORAGE)
         .unwrap();
     let rasters = Rasters::new(context, Some(gbuffer), None).unwrap();
-    let device = context.device();
-    let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: None,
-        entries: &[wgpu::BindGroupLayoutEntry {
-            binding: 0,
-            visibility: wgpu::ShaderStages::COMPUTE,
-            ty: wgpu::BindingType::Buffer {
-                ty: wgpu::BufferBindingType::Storage { read_only: false },
-                has_dynamic_offset: false,
-                min_binding_size: None,
-            },
-            count: None,
-        }],
-    });
-    let empty = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: None,
-        entries: &[],
-    });
-    let pipeline = Linker::default()
+    let shader = Linker::default()
         .package(PACKAGE)
         .feature("multisampled", gbuffer.samples() > 1)
         .link("test_seen::dump")
-        .unwrap()
-        .compute_pipeline(
-            context,
-            "dump",
-            &[&layout, &empty, &empty, rasters.bind_group_layout()],
-        )
         .unwrap();
-    let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: None,
-        layout: &layout,
-        entries: &[wgpu::BindGroupEntry {
-            binding: 0,
-            resource: records.as_entire_binding(),
-        }],
-    });
-    let nothing = device.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: None,
-        layout: &empty,
-        entries: &[],
-    });
-    let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-    let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-    pass.set_pipeline(&pipeline);
-    pass.set_bind_group(0, &group, &[]);
-    pass.set_bind_group(1, &nothing, &[]);
-    pass.set_bind_group(2, &nothing, &[]);
-    pass.set_bind_group(3, rasters.bind_group(), &[]);
-    pass.dispatch_workgroups(width.div_ceil(8), height.div_ceil(8), 1);
-    drop(pass);
+    let mut encoder = context
+        .device()
+        .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    compute(
+        context,
+        &mut encoder,
+        (&shader, "dump"),
+        &[&records],
+        &[(3, rasters.bind_group_layout(), rasters.bind_group())],
+        [width.div_ceil(8), height.div_ceil(8)],
+    );
     context.submit("reading the G-buffer", encoder).unwrap();
     context.read("records", &records, count).unwrap()
 }
