@@ -1,8 +1,8 @@
 //! Measures how close joint bilateral upsampling comes to the full resolution at silhouettes, as JSON lines:
 //! `cargo run --release -p isophote-filters --example silhouettes -- SCENE [WIDTH HEIGHT [SAMPLES [FACTOR]]]`
 //!
-//! SCENE is a glTF file or `builtin:NAME`. The irradiance is the indirect one at the pixels' centres, the materials
-//! diffuse.
+//! SCENE is a glTF file or `builtin:NAME`; `cargo xtask bench filters` runs this on several. The irradiance is the
+//! indirect one at the pixels' centres, the materials diffuse, the seed 0, the tracer `BvhTracer`.
 
 #[path = "../tests/common/irradiance.rs"]
 mod irradiance;
@@ -15,11 +15,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             .get(index)
             .map_or(Ok(default), |text| text.parse())
     };
-    let size = [number(1, 320)?, number(2, 240)?];
-    let (samples, factor) = (number(3, 1024)?, number(4, 4)?);
+    let size = [number(1, 800)?, number(2, 600)?];
+    let (samples, factor) = (number(3, 256)?, number(4, 4)?);
     let errors = irradiance::render(scene, size, samples as u32).errors(factor);
     println!(
-        "{{\"scene\": \"{scene}\", \"size\": {size:?}, \"samples\": {samples}, \"factor\": {factor}, \
+        "{{\"scene\": {scene:?}, \"size\": {size:?}, \"samples\": {samples}, \"seed\": 0, \
+         \"tracer\": \"bvh\", \"factor\": {factor}, \
          \"silhouette_pixels\": {:.3}, \"noise\": {:.4}, \"constant\": {:.4}, \"bicubic\": {:.4}, \
          \"bicubic_of_block_means\": {:.4}, \"cosine_weight\": {:.4}, \"joint_bilateral\": {:.4}, \
          \"bicubic_over_joint_bilateral\": {:.3}}}",

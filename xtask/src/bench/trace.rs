@@ -9,6 +9,7 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 use serde_json::Value;
 
+use super::write;
 use crate::{
     isophote::{Isophote, Source},
     machine::Machine,
@@ -136,14 +137,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         settings,
         scenes,
     };
-    let text = serde_json::to_string_pretty(&report)? + "\n";
-    match &arguments.json {
-        None => print!("{text}"),
-        Some(path) => {
-            fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
-        }
-    }
-    Ok(())
+    write(&report, arguments.json.as_deref())
 }
 
 struct Bench<'a> {
