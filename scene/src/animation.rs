@@ -102,6 +102,7 @@ pub enum Interpolation {
 
 impl Animation {
     /// Where all nodes are in the world at a time in seconds; before the first and after the last key they rest.
+    /// Scales may be 0, which hides what is there.
     pub fn world_transforms(&self, seconds: f32) -> Vec<Affine3A> {
         let mut locals: Vec<Local> = self.nodes.iter().map(|node| node.local).collect();
         for channel in &self.channels {
@@ -116,7 +117,12 @@ impl Animation {
                     Track::Translation(keys) => *translation = keys.sample(seconds, Vec3::lerp),
                     Track::Scale(keys) => *scale = keys.sample(seconds, Vec3::lerp),
                     Track::Rotation(keys) => {
-                        *rotation = keys.sample(seconds, slerp).normalize();
+                        let sampled = keys.sample(seconds, slerp);
+                        // A spline may pass through 0, which is no rotation.
+                        let length = sampled.length();
+                        if length.is_normal() {
+                            *rotation = sampled / length;
+                        }
                     }
                 }
             }
@@ -231,5 +237,38 @@ mod tests {
         assert_eq!(at(9.0), Vec3::new(4.0, 1.0, 0.0));
         assert_eq!(animation.moving(), [true, true, false]);
         assert_eq!(animation.duration(), 3.0);
+    }
+
+    #[test]
+    fn every_time_gives_a_transform() {
+        let spline = |zero: Quat| Keys {
+            interpolation: Interpolation::CubicSpline,
+            times: vec![0.0, 1.0],
+            values: vec![zero, Quat::IDENTITY, zero, zero, -Quat::IDENTITY, zero],
+        };
+        let shrinking = Keys {
+            interpolation: Interpolation::Linear,
+            times: vec![0.0, 1.0],
+            values: vec![Vec3::ONE, Vec3::NEG_ONE],
+        };
+        let node = Node {
+            name: String::new(),
+            parent: None,
+            local: Local::IDENTITY,
+        };
+        let channel = |track| Channel { node: 0, track };
+        let animation = Animation {
+            nodes: vec![node],
+            channels: vec![
+                channel(Track::Rotation(spline(Quat::from_array([0.0; 4])))),
+                channel(Track::Scale(shrinking)),
+            ],
+        };
+        // Halfway the rotation is no quaternion and the scale is 0.
+        for seconds in [0.0, 0.5, 1.0] {
+            let transform = animation.world_transforms(seconds)[0];
+            assert!(transform.is_finite(), "{seconds}: {transform:?}");
+            assert_eq!(transform.matrix3.x_axis.x, 1.0 - 2.0 * seconds);
+        }
     }
 }

@@ -36,7 +36,7 @@ pub struct Instance {
     pub name: String,
     /// Index in [`Scene::meshes`].
     pub mesh: u32,
-    /// From the mesh's space to the world's; invertible, also mirroring.
+    /// From the mesh's space to the world's, also mirroring. Triangles that it leaves without area are not hit.
     pub transform: Affine3A,
     /// The roles it plays.
     pub mask: InstanceMask,
@@ -180,10 +180,14 @@ impl Scene {
                 && self.instances.iter().any(emits))
     }
 
-    /// Moves everything that is animated to where it is at a time in seconds.
+    /// Moves everything that is animated to where it is at a time in seconds. What would be beyond all numbers stays where
+    /// it was.
     pub fn set_time(&mut self, seconds: f32) {
         let world = self.animation.world_transforms(seconds);
-        let at = |node: Option<u32>| node.and_then(|node| world.get(node as usize).copied());
+        let at = |node: Option<u32>| {
+            let place = *world.get(node? as usize)?;
+            place.is_finite().then_some(place)
+        };
         for instance in &mut self.instances {
             instance.transform = at(instance.node).unwrap_or(instance.transform);
         }

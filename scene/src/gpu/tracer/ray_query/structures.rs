@@ -63,11 +63,13 @@ impl Structures {
         Ok(structures)
     }
 
-    /// Puts the instances where the scene's transforms say.
+    /// Puts the instances where the scene's transforms say. Those whose transform cannot be undone are left out, since
+    /// the API does not define what they are.
     pub(super) fn place(&mut self, context: &Context, transforms: &[Affine3A]) -> Result<()> {
         for (slot, (instance, below)) in self.placed.iter().enumerate() {
-            let transform = rows(&transforms[*instance as usize]);
-            self.top[slot] = Some(wgpu::TlasInstance::new(below, transform, *instance, 0xff));
+            let transform = &transforms[*instance as usize];
+            let placed = || wgpu::TlasInstance::new(below, rows(transform), *instance, 0xff);
+            self.top[slot] = transform.inverse().is_finite().then(placed);
         }
         context.check("ray query, instances", |device| {
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor {
