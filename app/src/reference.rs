@@ -22,7 +22,7 @@ use crate::{
 };
 use crate::{
     output::device,
-    tracers::{BuiltTracer, Choice},
+    tracers::{BuiltTracer, Choice, TracerArgs},
 };
 
 /// A tracer that is ready, where it runs.
@@ -55,12 +55,13 @@ impl Ground {
     /// Builds the tracer; `adapter` is a part of a GPU's name.
     pub(crate) fn build(
         choice: Choice,
+        args: TracerArgs,
         adapter: Option<&str>,
         scene: &Arc<Scene>,
         selection: &Selection,
     ) -> Result<Self> {
         match choice {
-            Choice::Cpu(choice) => choice.build(scene, selection).map(Self::Cpu),
+            Choice::Cpu(choice) => choice.build(args, scene, selection).map(Self::Cpu),
             #[cfg(feature = "gpu")]
             Choice::Gpu(choice) => {
                 let gpu = Gpu::build(choice, adapter, scene, selection)?;

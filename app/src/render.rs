@@ -18,7 +18,7 @@ use crate::{
     },
     reference::{Ground, Made, Order},
     scene_args::{SceneArgs, choose_camera, require_geometry, require_light},
-    tracers::{AnyTracer, Device, choose},
+    tracers::{AnyTracer, Device, TracerArgs, choose},
     values,
 };
 
@@ -55,6 +55,8 @@ pub(crate) struct RenderArgs {
     /// A part of the name of the GPU to use; the fastest unless given (`isophote devices` lists them)
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
+    #[command(flatten)]
+    tracer_args: TracerArgs,
     /// What to calculate: ao, obscurance, direct, indirect, path, irradiance.direct, irradiance.indirect or
     /// irradiance.path; several with commas
     #[arg(
@@ -174,6 +176,7 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
     check_settings(args)?;
     check_memory(args)?;
     let choice = choose(args.device, args.tracer, args.adapter.as_deref())?;
+    args.tracer_args.check(choice)?;
     settings.insert("tracer".into(), choice.name());
     let mut seconds = Seconds::default();
     let name = args.scene.as_deref().unwrap_or_default();
@@ -190,7 +193,8 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
         ..Selection::default()
     };
     let adapter = args.adapter.as_deref();
-    let (ground, time) = timed(|| Ground::build(choice, adapter, &scene, &selection));
+    let (ground, time) =
+        timed(|| Ground::build(choice, args.tracer_args, adapter, &scene, &selection));
     let ground = ground?;
     seconds.build = time;
     let (made, time) = match args.technique {

@@ -19,7 +19,7 @@ use crate::{
     },
     rays::{self, RayKind},
     scene_args::{SceneArgs, choose_camera, require_geometry},
-    tracers::{AnyTracer, BuiltTracer, Choice, Device, choose},
+    tracers::{AnyTracer, BuiltTracer, Choice, Device, TracerArgs, choose},
     values,
 };
 
@@ -45,6 +45,8 @@ pub(crate) struct TraceArgs {
     /// Who answers the rays; bvh on the CPU and compute-bvh on a GPU unless given
     #[arg(long, value_enum)]
     tracer: Option<AnyTracer>,
+    #[command(flatten)]
+    tracer_args: TracerArgs,
     /// Where; auto is where the tracer runs, or a GPU if there is one in hardware
     #[arg(long, value_enum, default_value = "auto")]
     device: Device,
@@ -149,8 +151,8 @@ pub(crate) fn trace(args: &TraceArgs) -> Result<()> {
         args.device
     };
     let choice = choose(device, args.tracer, args.adapter.as_deref())?;
-    let (built, build_seconds) =
-        timed(|| Built::new(choice, args.adapter.as_deref(), &scene, &selection));
+    args.tracer_args.check(choice)?;
+    let (built, build_seconds) = timed(|| Built::new(choice, args, &scene, &selection));
     let mut built = built?;
     let mut report = Report {
         scene: &args.scene,
@@ -226,12 +228,15 @@ enum Built {
 impl Built {
     fn new(
         choice: Choice,
-        adapter: Option<&str>,
+        args: &TraceArgs,
         scene: &Arc<Scene>,
         selection: &Selection,
     ) -> Result<Self> {
+        let adapter = args.adapter.as_deref();
         match choice {
-            Choice::Cpu(choice) => choice.build(scene, selection).map(Self::Cpu),
+            Choice::Cpu(choice) => choice
+                .build(args.tracer_args, scene, selection)
+                .map(Self::Cpu),
             #[cfg(feature = "gpu")]
             Choice::Gpu(choice) => {
                 let rays = GpuRays::build(choice, adapter, scene, selection)?;

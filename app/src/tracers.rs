@@ -4,9 +4,11 @@ use std::sync::Arc;
 
 #[cfg(feature = "gpu")]
 use crate::gpu::has_hardware;
-use anyhow::{Result, bail};
-use clap::ValueEnum;
-use isophote_scene::{BruteForceTracer, BuildTracer, BvhTracer, Scene, Selection, Tracer};
+use anyhow::{Result, bail, ensure};
+use clap::{Args, ValueEnum};
+use isophote_scene::{
+    BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Levels, Scene, Selection, Tracer,
+};
 
 /// Who answers rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -122,6 +124,46 @@ pub(crate) enum GpuTracerChoice {
     Boxes,
 }
 
+/// What can be chosen of a tracer.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct TracerArgs {
+    /// How the tracer bvh holds instances; the answers do not depend on it
+    #[arg(long, value_enum, value_name = "LEVELS", default_value = "auto")]
+    bvh_levels: BvhLevels,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum BvhLevels {
+    /// Two where flat would hold over a million triangles and four times as many as the meshes have
+    Auto,
+    /// One tree over the triangles of all instances: the fastest to trace
+    Flat,
+    /// A tree for each mesh and one over the instances: needs little memory for meshes that are placed often
+    Two,
+}
+
+impl TracerArgs {
+    fn bvh_options(self) -> BvhOptions {
+        BvhOptions {
+            levels: match self.bvh_levels {
+                BvhLevels::Auto => Levels::Auto,
+                BvhLevels::Flat => Levels::Flat,
+                BvhLevels::Two => Levels::Two,
+            },
+        }
+    }
+
+    /// Refuses what was asked of another tracer.
+    pub(crate) fn check(self, choice: Choice) -> Result<()> {
+        ensure!(
+            choice == Choice::Cpu(TracerChoice::Bvh) || self.bvh_levels == BvhLevels::Auto,
+            "--bvh-levels is for the tracer bvh; {} has none",
+            choice.name()
+        );
+        Ok(())
+    }
+}
+
 /// A tracer, and the bytes its own structures hold.
 pub(crate) struct BuiltTracer {
     pub(crate) tracer: Box<dyn Tracer>,
@@ -129,11 +171,15 @@ pub(crate) struct BuiltTracer {
 }
 
 impl TracerChoice {
-    /// Builds the tracer with its default options.
-    pub(crate) fn build(self, scene: &Arc<Scene>, selection: &Selection) -> Result<BuiltTracer> {
+    pub(crate) fn build(
+        self,
+        args: TracerArgs,
+        scene: &Arc<Scene>,
+        selection: &Selection,
+    ) -> Result<BuiltTracer> {
         match self {
-            Self::Bvh => build::<BvhTracer>(scene, selection),
-            Self::BruteForce => build::<BruteForceTracer>(scene, selection),
+            Self::Bvh => build::<BvhTracer>(scene, selection, &args.bvh_options()),
+            Self::BruteForce => build::<BruteForceTracer>(scene, selection, &()),
         }
     }
 }
@@ -141,8 +187,9 @@ impl TracerChoice {
 fn build<T: BuildTracer + 'static>(
     scene: &Arc<Scene>,
     selection: &Selection,
+    options: &T::Options,
 ) -> Result<BuiltTracer> {
-    let tracer = T::build(scene, selection, &T::Options::default())?;
+    let tracer = T::build(scene, selection, options)?;
     Ok(BuiltTracer {
         bytes: tracer.bytes(),
         tracer: Box::new(tracer),

@@ -214,6 +214,7 @@ fn the_header_holds_all_settings_and_repeats_them() {
         "--environment=0.1,0.2,0.3",
         "--bounds=-9,-9,-9,9,9,9",
         "--time=1.5",
+        "--bvh-levels=two",
     ];
     place.ok(&quick(&[&flags[..], &["-o", "old.exr"]].concat()));
     let old = place.image("old.exr");
@@ -232,6 +233,7 @@ fn the_header_holds_all_settings_and_repeats_them() {
         ("material", "white=0.5,0.25\nred=1,0.3"),
         ("time", "1.5"),
         ("bounds", "-9,-9,-9,9,9,9"),
+        ("bvh-levels", "two"),
         ("isophote", env!("CARGO_PKG_VERSION")),
     ] {
         assert_eq!(
@@ -444,6 +446,11 @@ fn wrong_settings_are_refused() {
         (&["--quantity=ao,ao"], "twice"),
         (&["--technique=magic"], "reference"),
         (&["--tracer=magic"], "bvh"),
+        (&["--bvh-levels=three"], "flat"),
+        (
+            &["--tracer=brute-force", "--bvh-levels=two"],
+            "--bvh-levels",
+        ),
         (&["--materials=gold"], "lambert"),
         (&["--normals=up"], "smooth"),
         (&["--d-max=0"], "above 0"),
@@ -560,10 +567,12 @@ fn tracers_agree_on_rays_from_files() {
             &rays,
         ]);
         let mut found = Vec::new();
-        for (tracer, mode) in [
-            ("bvh", "closest"),
-            ("brute-force", "closest"),
-            ("bvh", "any"),
+        for (tracer, levels, mode) in [
+            ("bvh", "auto", "closest"),
+            ("brute-force", "auto", "closest"),
+            ("bvh", "two", "closest"),
+            ("bvh", "auto", "any"),
+            ("bvh", "two", "any"),
         ] {
             let report = place.json(&[
                 "trace",
@@ -572,6 +581,8 @@ fn tracers_agree_on_rays_from_files() {
                 &rays,
                 "--tracer",
                 tracer,
+                "--bvh-levels",
+                levels,
                 "--mode",
                 mode,
                 "--repeat=2",
@@ -589,7 +600,8 @@ fn tracers_agree_on_rays_from_files() {
             found.push((report["hits"].as_u64().unwrap(), hits));
         }
         assert_eq!(found[0], found[1], "{kind}");
-        assert_eq!(found[0].0, found[2].0, "{kind}");
+        assert_eq!(found[0], found[2], "{kind}");
+        assert_eq!([found[3].0, found[4].0], [found[0].0; 2], "{kind}");
         assert!(found[0].0 > 0, "{kind}");
     }
 }

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use glam::{Affine3A, Quat, Vec3};
 use isophote_scene::{
-    BruteForceTracer, BuildTracer, BvhTracer, Hit, Instance, Ray, Scene, Selection, Tracer,
-    builtin,
+    BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Hit, Instance, Levels, Ray, Scene,
+    Selection, Tracer, builtin,
     testing::{Tolerances, conformance},
 };
 
@@ -40,13 +40,14 @@ fn exact_tracers_conform() {
         for (name, count) in [("builtin:cornell", 2000), ("builtin:corner", 150)] {
             let scene = scene(name, scale);
             let oracle: BruteForceTracer = build(&scene);
-            let bvh: BvhTracer = build(&scene);
-            let report = conformance(&scene, &bvh, &oracle, &Tolerances::EXACT, count, 1);
-            assert!(report.violations.is_empty(), "{name} at {scale}\n{report}");
-            assert!(
-                report.kinds.iter().all(|kind| kind.hits > 0),
-                "{name} at {scale}\n{report}"
-            );
+            for levels in [Levels::Flat, Levels::Two] {
+                let bvh = BvhTracer::build(&scene, &Selection::default(), &BvhOptions { levels })
+                    .expect("has triangles");
+                let report = conformance(&scene, &bvh, &oracle, &Tolerances::EXACT, count, 1);
+                let what = format!("{name} at {scale}, {levels:?}\n{report}");
+                assert!(report.violations.is_empty(), "{what}");
+                assert!(report.kinds.iter().all(|kind| kind.hits > 0), "{what}");
+            }
         }
     }
 }

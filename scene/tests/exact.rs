@@ -4,10 +4,10 @@
 
 use std::{path::PathBuf, sync::Arc};
 
-use glam::{Affine3A, Vec2, Vec3};
+use glam::{Affine3A, Quat, Vec2, Vec3};
 use isophote_scene::{
-    BruteForceTracer, BuildTracer, BvhTracer, Hit, Instance, Material, Mesh, Ray, Scene, Selection,
-    Tracer, builtin, load,
+    BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Hit, Instance, Levels, Material, Mesh,
+    Ray, Scene, Selection, Tracer, builtin, load,
     sample::{Sampler, uniform_sphere},
     testing::{RayKind, rays},
 };
@@ -25,18 +25,28 @@ fn scaled(mut scene: Scene, scale: f32) -> Arc<Scene> {
     Arc::new(scene)
 }
 
-/// Hits that one tracer has and the other has not, hits that differ in t by more than 10⁻⁶ of the diagonal, and hits that differ in
-/// any bit.
-fn differences(scene: &Arc<Scene>, count: usize) -> [usize; 3] {
-    let bvh =
-        BvhTracer::build(scene, &Selection::default(), &Default::default()).expect("has triangles");
+fn bvh(scene: &Arc<Scene>, levels: Levels) -> BvhTracer {
+    BvhTracer::build(scene, &Selection::default(), &BvhOptions { levels }).expect("has triangles")
+}
+
+/// With one level and with two: hits that one tracer has and the other has not, hits that differ in t by 10⁻⁶ of the
+/// diagonal or more, and hits that differ in any bit.
+fn differences(scene: &Arc<Scene>, count: usize) -> [[usize; 3]; 2] {
+    let tracers = [Levels::Flat, Levels::Two].map(|levels| bvh(scene, levels));
     let brute = BruteForceTracer::build(scene, &Selection::default(), &()).expect("has triangles");
     let diagonal = scene.bounds().diagonal();
     let differs = |ray: &Ray| {
-        let (a, b): (Option<Hit>, Option<Hit>) = (bvh.closest_hit(ray), brute.closest_hit(ray));
-        let far = matches!((a, b), (Some(a), Some(b)) if (a.t - b.t).abs() >= 1e-6 * diagonal);
-        let lost = a.is_some() != b.is_some() || bvh.any_hit(ray) != b.is_some();
-        [usize::from(lost), usize::from(far), usize::from(a != b)]
+        let b: Option<Hit> = brute.closest_hit(ray);
+        [0, 1].map(|levels| {
+            let tracer = &tracers[levels];
+            let a = tracer.closest_hit(ray);
+            let far = matches!((a, b), (Some(a), Some(b)) if (a.t - b.t).abs() >= 1e-6 * diagonal);
+            let lost = a.is_some() != b.is_some() || tracer.any_hit(ray) != b.is_some();
+            [usize::from(lost), usize::from(far), usize::from(a != b)]
+        })
+    };
+    let sum = |a: [[usize; 3]; 2], b: [[usize; 3]; 2]| {
+        [0, 1].map(|levels| [0, 1, 2].map(|what| a[levels][what] + b[levels][what]))
     };
     let kinds = RayKind::ALL.len();
     RayKind::ALL
@@ -45,16 +55,40 @@ fn differences(scene: &Arc<Scene>, count: usize) -> [usize; 3] {
         .collect::<Vec<_>>()
         .par_iter()
         .map(differs)
-        .reduce(|| [0; 3], |a, b| [a[0] + b[0], a[1] + b[1], a[2] + b[2]])
+        .reduce(|| [[0; 3]; 2], sum)
+}
+
+/// Many copies of a scene, turned, mirrored, stretched and moved.
+fn crowd(scene: &Scene) -> Scene {
+    let mut crowd = scene.clone();
+    crowd.instances.clear();
+    for index in 0..64 {
+        let sampler = Sampler::new(3, 0, index);
+        let angle = std::f32::consts::TAU * sampler.get_1d(0);
+        let mirror = if index % 3 == 0 { -1.0 } else { 1.0 };
+        let place = Affine3A::from_scale_rotation_translation(
+            Vec3::new(mirror, 1.0, 1.0) * (0.2 + sampler.get_2d(1).extend(sampler.get_1d(2))),
+            Quat::from_axis_angle(uniform_sphere(sampler.get_2d(3)), angle),
+            4.0 * sampler.get_2d(4).extend(sampler.get_1d(5)),
+        );
+        let copies = scene.instances.iter().map(|instance| Instance {
+            transform: place * instance.transform,
+            ..instance.clone()
+        });
+        crowd.instances.extend(copies);
+    }
+    crowd
 }
 
 #[test]
 fn no_hit_is_lost_or_invented() {
     let shared = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/scenes"));
-    let mut scenes = vec![(
-        "builtin:cornell".to_owned(),
-        builtin::build("builtin:cornell").expect("is built in"),
-    )];
+    let cornell = builtin::build("builtin:cornell").expect("is built in");
+    let crowd = crowd(&cornell);
+    let mut scenes = vec![
+        ("builtin:cornell".to_owned(), cornell),
+        ("a crowd of it".into(), crowd),
+    ];
     if shared.is_dir() {
         for name in ["teapot", "lucy_10k", "office_proc"] {
             scenes.push((
@@ -68,11 +102,13 @@ fn no_hit_is_lost_or_invented() {
     for (name, scene) in scenes {
         for scale in [1.0, 1e-3, 1e3] {
             let count = count(1200);
-            let [lost, far, bits] = differences(&scaled(scene.clone(), scale), count);
-            eprintln!(
-                "{name} × {scale}: of {count} rays {lost} lost or invented, {far} far off, {bits} not the same bits"
-            );
-            assert_eq!([lost, far], [0, 0], "{name} × {scale}");
+            let found = differences(&scaled(scene.clone(), scale), count);
+            for (levels, [lost, far, bits]) in ["one level", "two levels"].into_iter().zip(found) {
+                eprintln!(
+                    "{name} × {scale}, {levels}: of {count} rays {lost} lost or invented, {far} far off, {bits} not the same bits"
+                );
+                assert_eq!([lost, far, bits], [0; 3], "{name} × {scale}, {levels}");
+            }
         }
     }
 }
@@ -127,10 +163,13 @@ fn sphere(rings: u32) -> Arc<Scene> {
 #[test]
 fn a_closed_sphere_does_not_leak() {
     let scene = sphere(40);
+    does_not_leak(&scene, &bvh(&scene, Levels::Flat));
+    does_not_leak(&scene, &bvh(&scene, Levels::Two));
+}
+
+fn does_not_leak(scene: &Scene, bvh: &BvhTracer) {
     let mesh = &scene.meshes[0];
-    let bvh = BvhTracer::build(&scene, &Selection::default(), &Default::default())
-        .expect("has triangles");
-    let count = count(60_000) as u32;
+    let count = count(40_000) as u32;
     let leaks = |rays: u32, target: &(dyn Fn(&Sampler) -> Vec3 + Sync)| {
         (0..rays)
             .into_par_iter()

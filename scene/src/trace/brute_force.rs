@@ -30,30 +30,46 @@ pub fn world_triangles(
     transforms: &[Affine3A],
     selection: &Selection,
 ) -> Vec<WorldTriangle> {
-    let mut triangles = Vec::new();
-    for (index, (instance, transform)) in scene.instances.iter().zip(transforms).enumerate() {
-        if !instance.mask.contains(selection.mask) {
-            continue;
-        }
-        let mesh = scene.mesh(instance);
-        for primitive in 0..mesh.triangles.len() {
-            let corners = mesh
-                .corners(primitive)
-                .map(|corner| transform.transform_point3(corner));
-            let bounds = Aabb::around(corners);
-            if selection
-                .bounds
-                .is_none_or(|selected| selected.overlaps(&bounds))
-            {
-                let surface = SurfaceId {
-                    instance: index as u32,
-                    primitive: primitive as u32,
-                };
-                triangles.push(WorldTriangle { corners, surface });
-            }
-        }
-    }
-    triangles
+    (0..scene.instances.len())
+        .zip(transforms)
+        .flat_map(|(instance, transform)| {
+            instance_triangles(scene, instance, *transform, selection)
+        })
+        .collect()
+}
+
+/// The selected triangles of one instance. Those that overflow are left out, as no ray can hit them.
+pub(crate) fn instance_triangles(
+    scene: &Scene,
+    index: usize,
+    transform: Affine3A,
+    selection: &Selection,
+) -> impl Iterator<Item = WorldTriangle> {
+    let instance = &scene.instances[index];
+    let mesh = scene.mesh(instance);
+    let count = if instance.mask.contains(selection.mask) {
+        mesh.triangles.len()
+    } else {
+        0
+    };
+    (0..count).filter_map(move |primitive| {
+        let corners = mesh
+            .corners(primitive)
+            .map(|corner| transform.transform_point3(corner));
+        let is_finite = corners.iter().all(|corner| corner.is_finite());
+        (is_finite && is_within(selection.bounds.as_ref(), corners)).then_some(WorldTriangle {
+            corners,
+            surface: SurfaceId {
+                instance: index as u32,
+                primitive: primitive as u32,
+            },
+        })
+    })
+}
+
+/// Whether a triangle belongs to a selection of these bounds.
+pub(crate) fn is_within(bounds: Option<&Aabb>, corners: [Vec3; 3]) -> bool {
+    bounds.is_none_or(|bounds| bounds.overlaps(&Aabb::around(corners)))
 }
 
 /// The transforms of a scene's instances must be one each.

@@ -4,12 +4,13 @@
 //! 2. `wide`: the binary tree is collapsed into nodes of eight children and leaves of up to eight triangles.
 //! 3. `traverse`: a ray walks the tree, nearest children first; `slabs` says why no hit is lost on the way.
 //! 4. `kernel`: eight boxes or triangles are tested at once, with AVX2 where the processor has it.
+//! 5. `instances`: a tree over trees, for meshes that are placed often or move ([`Levels`]).
 //!
-//! Answers are exactly those of [`BruteForceTracer`](crate::BruteForceTracer), bit by bit, where the scene is
-//! flattened into one tree.
+//! Answers are exactly those of [`BruteForceTracer`](crate::BruteForceTracer), bit by bit, with one level or two.
 
 pub(crate) mod binary;
 mod blocks;
+mod instances;
 mod kernel;
 mod slabs;
 mod traverse;
@@ -22,35 +23,91 @@ use glam::Affine3A;
 
 use self::{
     blocks::Triangle,
+    instances::InstanceTree,
     kernel::{Kernel, Portable},
     triangles::{Found, Question, TriangleTree},
 };
 use super::{
     Answers, BuildTracer, Hit, Ray, Selection, SurfaceId, Tracer,
-    brute_force::{check_transforms, world_triangles},
+    brute_force::{WorldTriangle, check_transforms, instance_triangles, world_triangles},
 };
 use crate::{Error, Result, Scene};
 
 /// What can be chosen when building a [`BvhTracer`].
 #[derive(Clone, Debug, Default)]
-pub struct BvhOptions {}
+pub struct BvhOptions {
+    /// How instances are held. The answers do not depend on it.
+    pub levels: Levels,
+}
+
+/// How a [`BvhTracer`] holds instances.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Levels {
+    /// [`Two`](Self::Two) where [`Flat`](Self::Flat) would hold more than a million triangles and at least four times
+    /// as many as the meshes of the selected instances have; otherwise `Flat`.
+    #[default]
+    Auto,
+    /// One tree over the triangles of all instances: the fastest to trace.
+    Flat,
+    /// A tree for each mesh and one over the instances: every mesh is held once, however often it is placed, and
+    /// [`update`](BuildTracer::update) rebuilds only the tree over the instances. Only an instance whose transform
+    /// cannot be undone, or only just, has its triangles held on its own.
+    Two,
+}
+
+impl Levels {
+    fn are_two(self, scene: &Scene, selection: &Selection) -> bool {
+        const FEW: usize = 1_000_000;
+        let (mut placed, mut held) = (0_usize, 0);
+        let mut is_held = vec![false; scene.meshes.len()];
+        for instance in &scene.instances {
+            if instance.mask.contains(selection.mask) {
+                let count = scene.mesh(instance).triangles.len();
+                placed = placed.saturating_add(count);
+                if !std::mem::replace(&mut is_held[instance.mesh as usize], true) {
+                    held += count;
+                }
+            }
+        }
+        match self {
+            Self::Auto => placed > FEW && placed / 4 >= held,
+            Self::Flat => false,
+            Self::Two => true,
+        }
+    }
+}
 
 /// Finds exactly what [`BruteForceTracer`](crate::BruteForceTracer) finds, fast, by a bounding volume hierarchy.
 #[derive(Clone, Debug)]
 pub struct BvhTracer {
     scene: Arc<Scene>,
     selection: Selection,
-    tree: TriangleTree,
+    tree: Tree,
     #[cfg(target_arch = "x86_64")]
     avx2: Option<kernel::Avx2>,
 }
 
-fn flat_tree(
-    scene: &Scene,
-    transforms: &[Affine3A],
-    selection: &Selection,
-) -> Result<TriangleTree> {
-    let triangles: Vec<Triangle> = world_triangles(scene, transforms, selection)
+#[derive(Clone, Debug)]
+enum Tree {
+    Flat(TriangleTree),
+    Two(InstanceTree),
+}
+
+/// What rays can be traced through.
+trait Structure {
+    /// Puts a hit better than `found` there (`ANY`: any before it). The ray must be valid.
+    fn trace<const ANY: bool, K: Kernel>(
+        &self,
+        kernel: K,
+        ray: &Ray,
+        question: &Question,
+        found: &mut Found,
+    );
+}
+
+/// The tree over triangles in the world.
+fn world_tree(scene: &Scene, triangles: impl IntoIterator<Item = WorldTriangle>) -> TriangleTree {
+    let triangles: Vec<Triangle> = triangles
         .into_iter()
         .map(|triangle| Triangle {
             corners: triangle.corners,
@@ -58,12 +115,16 @@ fn flat_tree(
             masked: scene.is_masked(triangle.surface),
         })
         .collect();
-    if triangles.is_empty() {
-        return Err(Error::NoGeometry {
-            reason: "no triangle is selected".into(),
-        });
-    }
-    Ok(TriangleTree::new(&triangles))
+    TriangleTree::new(&triangles)
+}
+
+/// Whether any triangle is selected.
+fn is_any_selected(scene: &Scene, transforms: &[Affine3A], selection: &Selection) -> bool {
+    let mut instances = transforms.iter().enumerate();
+    instances.any(|(instance, transform)| {
+        let mut triangles = instance_triangles(scene, instance, *transform, selection);
+        triangles.next().is_some()
+    })
 }
 
 impl BvhTracer {
@@ -71,6 +132,7 @@ impl BvhTracer {
     fn trace_with<const ANY: bool, K: Kernel>(
         &self,
         kernel: K,
+        tree: &impl Structure,
         ray: &Ray,
         start: SurfaceId,
     ) -> Found {
@@ -81,8 +143,7 @@ impl BvhTracer {
         };
         let mut found = Found::nothing(ray.t_max);
         if ray.is_valid() {
-            self.tree
-                .trace::<ANY, K>(kernel, ray, &question, None, &mut found);
+            tree.trace::<ANY, K>(kernel, ray, &question, &mut found);
         }
         found
     }
@@ -92,10 +153,11 @@ impl BvhTracer {
     fn trace_avx2<const ANY: bool>(
         &self,
         avx2: kernel::Avx2,
+        tree: &impl Structure,
         ray: &Ray,
         start: SurfaceId,
     ) -> Found {
-        self.trace_with::<ANY, _>(avx2, ray, start)
+        self.trace_with::<ANY, _>(avx2, tree, ray, start)
     }
 
     #[cfg(target_arch = "x86_64")]
@@ -103,28 +165,35 @@ impl BvhTracer {
     fn trace_all_avx2<const ANY: bool, T>(
         &self,
         avx2: kernel::Avx2,
+        tree: &impl Structure,
         rays: &[Ray],
         answers: &mut [T],
         answer: fn(&Found) -> T,
     ) {
         for (ray, slot) in rays.iter().zip(answers) {
-            *slot = answer(&self.trace_with::<ANY, _>(avx2, ray, SurfaceId::UNKNOWN));
+            *slot = answer(&self.trace_with::<ANY, _>(avx2, tree, ray, SurfaceId::UNKNOWN));
         }
     }
 
     #[inline]
-    fn trace<const ANY: bool>(&self, ray: &Ray, start: SurfaceId) -> Found {
+    fn trace_in<const ANY: bool>(
+        &self,
+        tree: &impl Structure,
+        ray: &Ray,
+        start: SurfaceId,
+    ) -> Found {
         #[cfg(target_arch = "x86_64")]
         if let Some(avx2) = self.avx2 {
             #[expect(unsafe_code, reason = "SIMD instructions")]
             // SAFETY: the token proves that the instructions exist.
-            return unsafe { self.trace_avx2::<ANY>(avx2, ray, start) };
+            return unsafe { self.trace_avx2::<ANY>(avx2, tree, ray, start) };
         }
-        self.trace_with::<ANY, _>(Portable, ray, start)
+        self.trace_with::<ANY, _>(Portable, tree, ray, start)
     }
 
-    fn trace_all<const ANY: bool, T>(
+    fn trace_all_in<const ANY: bool, T>(
         &self,
+        tree: &impl Structure,
         rays: &[Ray],
         answers: &mut [T],
         answer: fn(&Found) -> T,
@@ -134,10 +203,30 @@ impl BvhTracer {
         if let Some(avx2) = self.avx2 {
             #[expect(unsafe_code, reason = "SIMD instructions")]
             // SAFETY: the token proves that the instructions exist.
-            return unsafe { self.trace_all_avx2::<ANY, T>(avx2, rays, answers, answer) };
+            return unsafe { self.trace_all_avx2::<ANY, T>(avx2, tree, rays, answers, answer) };
         }
         for (ray, slot) in rays.iter().zip(answers) {
-            *slot = answer(&self.trace_with::<ANY, _>(Portable, ray, SurfaceId::UNKNOWN));
+            *slot = answer(&self.trace_with::<ANY, _>(Portable, tree, ray, SurfaceId::UNKNOWN));
+        }
+    }
+
+    #[inline]
+    fn trace<const ANY: bool>(&self, ray: &Ray, start: SurfaceId) -> Found {
+        match &self.tree {
+            Tree::Flat(tree) => self.trace_in::<ANY>(tree, ray, start),
+            Tree::Two(tree) => self.trace_in::<ANY>(tree, ray, start),
+        }
+    }
+
+    fn trace_all<const ANY: bool, T>(
+        &self,
+        rays: &[Ray],
+        answers: &mut [T],
+        answer: fn(&Found) -> T,
+    ) {
+        match &self.tree {
+            Tree::Flat(tree) => self.trace_all_in::<ANY, T>(tree, rays, answers, answer),
+            Tree::Two(tree) => self.trace_all_in::<ANY, T>(tree, rays, answers, answer),
         }
     }
 }
@@ -175,11 +264,25 @@ impl Tracer for BvhTracer {
 impl BuildTracer for BvhTracer {
     type Options = BvhOptions;
 
-    fn build(scene: &Arc<Scene>, selection: &Selection, _: &BvhOptions) -> Result<Self> {
+    fn build(scene: &Arc<Scene>, selection: &Selection, options: &BvhOptions) -> Result<Self> {
+        let transforms = scene.transforms();
+        if !is_any_selected(scene, &transforms, selection) {
+            return Err(Error::NoGeometry {
+                reason: "no triangle is selected".into(),
+            });
+        }
+        let tree = if options.levels.are_two(scene, selection) {
+            Tree::Two(InstanceTree::new(scene, &transforms, selection))
+        } else {
+            Tree::Flat(world_tree(
+                scene,
+                world_triangles(scene, &transforms, selection),
+            ))
+        };
         Ok(Self {
             scene: scene.clone(),
             selection: *selection,
-            tree: flat_tree(scene, &scene.transforms(), selection)?,
+            tree,
             #[cfg(target_arch = "x86_64")]
             avx2: kernel::Avx2::detect(),
         })
@@ -187,12 +290,21 @@ impl BuildTracer for BvhTracer {
 
     fn update(&mut self, transforms: &[Affine3A]) -> Result<()> {
         check_transforms(&self.scene, transforms)?;
-        self.tree = flat_tree(&self.scene, transforms, &self.selection)?;
+        match &mut self.tree {
+            Tree::Flat(tree) => {
+                let triangles = world_triangles(&self.scene, transforms, &self.selection);
+                *tree = world_tree(&self.scene, triangles);
+            }
+            Tree::Two(tree) => tree.place(&self.scene, transforms, &self.selection),
+        }
         Ok(())
     }
 
     fn bytes(&self) -> usize {
-        self.tree.bytes()
+        match &self.tree {
+            Tree::Flat(tree) => tree.bytes(),
+            Tree::Two(tree) => tree.bytes(),
+        }
     }
 }
 

@@ -70,6 +70,12 @@ impl Blocks {
         self.surfaces.push(surfaces);
     }
 
+    /// Gives back the room that was kept for more.
+    pub(crate) fn shrink(&mut self) {
+        self.blocks.shrink_to_fit();
+        self.surfaces.shrink_to_fit();
+    }
+
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(&self.blocks[..]) + size_of_val(&self.surfaces[..])
     }

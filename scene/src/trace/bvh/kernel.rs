@@ -8,6 +8,8 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 pub(crate) use avx2::Avx2;
 
+use glam::Affine3A;
+
 use super::{
     blocks::{Block, LANES},
     slabs::Slabs,
@@ -29,6 +31,10 @@ pub(crate) trait Kernel: Copy {
 
     /// The children whose boxes the ray meets before `limit`, one bit each, and where it enters all of them.
     fn enter(self, ray: &Self::Boxes, node: &Node, limit: f32) -> (u32, [Entry; WIDTH]);
+
+    /// The triangles of a block taken through a transform, with the bits that
+    /// [`transform_point3`](Affine3A::transform_point3) gives.
+    fn placed(self, transform: &Affine3A, block: &Block) -> Block;
 
     /// The triangles that 32 bits do not reject, one bit each.
     fn candidates(self, ray: &Self::Triangles, block: &Block) -> u32;
@@ -70,6 +76,25 @@ impl Kernel for Portable {
         }
         let entries = std::array::from_fn(|child| Entry::new(node.children[child], enter[child]));
         (met, entries)
+    }
+
+    #[inline(always)]
+    fn placed(self, transform: &Affine3A, block: &Block) -> Block {
+        let [x, y, z, translation] = [
+            transform.matrix3.x_axis,
+            transform.matrix3.y_axis,
+            transform.matrix3.z_axis,
+            transform.translation,
+        ];
+        let corners = block.corners.map(|[px, py, pz]| {
+            [0, 1, 2].map(|axis| {
+                std::array::from_fn(|lane| {
+                    // In this order the bits are those of the library.
+                    x[axis] * px[lane] + y[axis] * py[lane] + z[axis] * pz[lane] + translation[axis]
+                })
+            })
+        });
+        Block { corners }
     }
 
     #[inline(always)]

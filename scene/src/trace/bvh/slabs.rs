@@ -40,26 +40,42 @@ pub(crate) struct Slabs {
 }
 
 impl Slabs {
-    /// A ray for the boxes within `bounds`; `rounding` (at least 1) widens the padding.
+    /// A ray for the boxes within `bounds`; its end does not count.
     #[inline]
-    pub(crate) fn new(ray: &Ray, bounds: &Aabb, rounding: f32) -> Self {
+    pub(crate) fn new(ray: &Ray, bounds: &Aabb) -> Self {
         let (o, d) = (Vec3A::from(ray.origin), Vec3A::from(ray.direction));
         let scale = d.abs().max_element();
-        let d = d / scale;
-        let least = Vec3A::splat(power_of_two(-30));
-        let d = Vec3A::select(d.abs().cmplt(least), least.copysign(d), d);
-        let (low, high) = (Vec3A::from(bounds.min), Vec3A::from(bounds.max));
-        let size = ((low - o).abs().max((high - o).abs())).max_element() + o.abs().max_element();
-        let pad = Vec3A::splat(size * rounding * power_of_two(-20)).copysign(d);
-        let inverse = d.recip();
         let start = ray.t_min * scale;
+        Self {
+            start: (start - slack(start)).max(0.0),
+            scale,
+            ..Self::along(o, d / scale, Vec3A::splat(padding(o, bounds)), Vec3A::ONE)
+        }
+    }
+
+    /// This ray in another space: its origin and direction there, where distances are counted as here, and by how much
+    /// boxes are to be padded. The direction's smallest coordinates may be moved by 2⁻³⁰ of `size`.
+    #[inline]
+    pub(crate) fn taken_to(&self, o: Vec3A, d: Vec3A, pad: Vec3A, size: Vec3A) -> Self {
+        Self {
+            start: self.start,
+            scale: self.scale,
+            ..Self::along(o, d, pad, size)
+        }
+    }
+
+    #[inline]
+    fn along(o: Vec3A, d: Vec3A, pad: Vec3A, size: Vec3A) -> Self {
+        let least = size * power_of_two(-30);
+        let d = Vec3A::select(d.abs().cmplt(least), least.copysign(d), d);
+        let (pad, inverse) = (pad.copysign(d), d.recip());
         Self {
             inverse,
             near: (o + pad) * inverse,
             far: (o - pad) * inverse,
             down: d.is_negative_bitmask() as usize,
-            start: (start - slack(start)).max(0.0),
-            scale,
+            start: 0.0,
+            scale: 1.0,
         }
     }
 
@@ -75,6 +91,14 @@ impl Slabs {
         let limit = t * self.scale;
         limit + slack(limit)
     }
+}
+
+/// By how much boxes are padded for a ray from `origin`: 2⁻²⁰(M + |o|).
+#[inline]
+pub(crate) fn padding(origin: Vec3A, bounds: &Aabb) -> f32 {
+    let (low, high) = (Vec3A::from(bounds.min), Vec3A::from(bounds.max));
+    let farthest = (low - origin).abs().max((high - origin).abs());
+    (farthest.max_element() + origin.abs().max_element()) * power_of_two(-20)
 }
 
 /// More than the rounding of a product.

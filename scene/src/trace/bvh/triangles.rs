@@ -1,11 +1,14 @@
 //! A tree over triangles.
 
+use std::borrow::Borrow;
+
 use glam::Vec2;
 use rayon::prelude::*;
 
 use super::{
+    Structure,
     binary::BinaryTree,
-    blocks::{Blocks, LANES, Triangle},
+    blocks::{Block, Blocks, LANES, Triangle},
     kernel::Kernel,
     slabs::Slabs,
     traverse::{Visitor, walk},
@@ -21,14 +24,18 @@ pub(crate) struct TriangleTree {
 }
 
 impl TriangleTree {
-    /// The tree over some triangles, at least one.
+    /// The tree over some triangles.
     pub(crate) fn new(triangles: &[Triangle]) -> Self {
+        let mut blocks = Blocks::default();
+        if triangles.is_empty() {
+            let tree = WideTree::empty();
+            return Self { tree, blocks };
+        }
         let boxes: Vec<Aabb> = triangles
             .par_iter()
             .map(|triangle| Aabb::around(triangle.corners))
             .collect();
         let binary = BinaryTree::new(&boxes, 0.2);
-        let mut blocks = Blocks::default();
         let costs = Costs {
             node: 1.0,
             leaf_items: LANES as u32,
@@ -37,41 +44,73 @@ impl TriangleTree {
             blocks.push(items.iter().map(|&item| triangles[item as usize]));
             blocks.blocks.len() - 1
         });
+        blocks.shrink();
         Self { tree, blocks }
     }
 
-    pub(crate) fn bytes(&self) -> usize {
-        size_of_val(&self.tree.nodes[..]) + self.blocks.bytes()
+    pub(crate) fn is_empty(&self) -> bool {
+        self.blocks.blocks.is_empty()
     }
 
-    /// Looks for a hit better than `found` (`ANY`: for any hit before it) and puts it there. A tree that stands for an
-    /// `instance` has its triangles' primitives only.
+    pub(crate) fn bytes(&self) -> usize {
+        self.tree.bytes() + self.blocks.bytes()
+    }
+
+    /// Looks for a hit better than `found` (`ANY`: for any hit before it) and puts it there. Returns whether no other is
+    /// asked for.
     #[inline(always)]
-    pub(crate) fn trace<const ANY: bool, K: Kernel>(
+    pub(crate) fn search<const ANY: bool, K: Kernel>(
+        &self,
+        aim: &Aim<K>,
+        place: &impl Place,
+        question: &Question,
+        found: &mut Found,
+    ) -> bool {
+        let limit = place.limit(found.t);
+        let mut visitor = Triangles::<ANY, _, _> {
+            blocks: &self.blocks,
+            aim,
+            place,
+            question,
+            found,
+        };
+        if ANY {
+            walk::<false, K>(aim.kernel, &self.tree, place.slabs(), limit, &mut visitor)
+        } else {
+            walk::<true, K>(aim.kernel, &self.tree, place.slabs(), limit, &mut visitor)
+        }
+    }
+}
+
+impl Structure for TriangleTree {
+    #[inline(always)]
+    fn trace<const ANY: bool, K: Kernel>(
         &self,
         kernel: K,
         ray: &Ray,
         question: &Question,
-        instance: Option<u32>,
         found: &mut Found,
-    ) -> bool {
-        let slabs = Slabs::new(ray, &self.tree.bounds, 1.0);
+    ) {
+        let world = World(&Slabs::new(ray, &self.tree.bounds));
+        self.search::<ANY, K>(&Aim::new(kernel, ray), &world, question, found);
+    }
+}
+
+/// A ray made ready for triangle tests, which are always done in the world.
+pub(crate) struct Aim<K: Kernel> {
+    pub(crate) kernel: K,
+    shear: Shear,
+    wide: K::Triangles,
+}
+
+impl<K: Kernel> Aim<K> {
+    #[inline(always)]
+    pub(crate) fn new(kernel: K, ray: &Ray) -> Self {
         let shear = Shear::new(ray);
-        let limit = slabs.limit(found.t);
-        let mut visitor = Triangles::<ANY, K> {
+        Self {
             kernel,
-            blocks: &self.blocks,
-            slabs: &slabs,
-            shear: &shear,
+            shear,
             wide: kernel.triangles(&shear),
-            question,
-            instance,
-            found,
-        };
-        if ANY {
-            walk::<false, K>(kernel, &self.tree, &slabs, limit, &mut visitor)
-        } else {
-            walk::<true, K>(kernel, &self.tree, &slabs, limit, &mut visitor)
         }
     }
 }
@@ -83,6 +122,54 @@ pub(crate) struct Question<'a> {
     pub(crate) t_min: f32,
     /// A triangle that is not hit.
     pub(crate) start: SurfaceId,
+}
+
+/// How a tree lies in the world.
+pub(crate) trait Place {
+    /// The ray in the tree's space.
+    fn slabs(&self) -> &Slabs;
+
+    /// A distance along the world's ray in the units of [`slabs`](Self::slabs), rounded up.
+    fn limit(&self, t: f32) -> f32;
+
+    /// A block's triangles in the world.
+    fn block<K: Kernel>(&self, kernel: K, block: &Block) -> impl Borrow<Block>;
+
+    /// What a triangle of the tree is in the scene.
+    fn surface(&self, surface: SurfaceId) -> SurfaceId;
+
+    /// Whether a triangle in the world is selected.
+    fn selects(&self, block: &Block, lane: usize) -> bool;
+}
+
+/// The tree is in the world itself, and holds what is selected.
+pub(crate) struct World<'a>(pub(crate) &'a Slabs);
+
+impl Place for World<'_> {
+    #[inline(always)]
+    fn slabs(&self) -> &Slabs {
+        self.0
+    }
+
+    #[inline(always)]
+    fn limit(&self, t: f32) -> f32 {
+        self.0.limit(t)
+    }
+
+    #[inline(always)]
+    fn block<K: Kernel>(&self, _: K, block: &Block) -> impl Borrow<Block> {
+        block
+    }
+
+    #[inline(always)]
+    fn surface(&self, surface: SurfaceId) -> SurfaceId {
+        surface
+    }
+
+    #[inline(always)]
+    fn selects(&self, _: &Block, _: usize) -> bool {
+        true
+    }
 }
 
 /// The closest hit so far, or where the ray ends.
@@ -118,38 +205,37 @@ impl Found {
     }
 }
 
-struct Triangles<'a, const ANY: bool, K: Kernel> {
-    kernel: K,
+struct Triangles<'a, const ANY: bool, K: Kernel, P: Place> {
     blocks: &'a Blocks,
-    slabs: &'a Slabs,
-    shear: &'a Shear,
-    wide: K::Triangles,
+    aim: &'a Aim<K>,
+    place: &'a P,
     question: &'a Question<'a>,
-    instance: Option<u32>,
     found: &'a mut Found,
 }
 
-impl<const ANY: bool, K: Kernel> Visitor for Triangles<'_, ANY, K> {
+impl<const ANY: bool, K: Kernel, P: Place> Visitor for Triangles<'_, ANY, K, P> {
     #[inline(always)]
     fn leaf(&mut self, leaf: usize, limit: &mut f32) -> bool {
-        let block = &self.blocks.blocks[leaf];
-        let mut candidates = self.kernel.candidates(&self.wide, block);
+        let Some(block) = self.blocks.blocks.get(leaf) else {
+            return false;
+        };
+        let block = self.place.block(self.aim.kernel, block);
+        let block = block.borrow();
+        let mut candidates = self.aim.kernel.candidates(&self.aim.wide, block);
         while candidates != 0 {
             let lane = candidates.trailing_zeros() as usize & (LANES - 1);
             candidates &= candidates - 1;
-            let Some((t, uv)) = self.shear.intersect_candidate(block.triangle(lane)) else {
+            let Some((t, uv)) = self.aim.shear.intersect_candidate(block.triangle(lane)) else {
                 continue;
             };
             if !(t > self.question.t_min && t <= self.found.t) {
                 continue;
             }
             let surfaces = &self.blocks.surfaces[leaf];
-            let mut surface = surfaces.surfaces[lane];
-            if let Some(instance) = self.instance {
-                surface.instance = instance;
-            }
+            let surface = self.place.surface(surfaces.surfaces[lane]);
             if surface == self.question.start
                 || !self.found.is_worse_than(t, surface)
+                || !self.place.selects(block, lane)
                 || (surfaces.masked >> lane & 1 != 0
                     && !self.question.scene.alpha_passes(surface, uv))
             {
@@ -163,7 +249,7 @@ impl<const ANY: bool, K: Kernel> Visitor for Triangles<'_, ANY, K> {
             if ANY {
                 return true;
             }
-            *limit = self.slabs.limit(t);
+            *limit = self.place.limit(t);
         }
         false
     }

@@ -30,6 +30,9 @@ pub(crate) struct Child(u32);
 impl Child {
     const LEAF: u32 = 1 << 31;
 
+    /// No child: a leaf that no tree has. The box is inside out, yet a ray whose numbers overflow may meet it.
+    const MISSING: Self = Self(u32::MAX);
+
     pub(crate) fn node(index: usize) -> Self {
         Self(index as u32)
     }
@@ -75,6 +78,32 @@ pub(crate) struct Costs {
 }
 
 impl WideTree {
+    /// A tree that nothing is in.
+    pub(crate) fn empty() -> Self {
+        Self {
+            nodes: vec![empty_node()],
+            bounds: Aabb::around([Vec3::ZERO]),
+        }
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(&self.nodes[..])
+    }
+
+    /// The boxes two levels down, at most 64: together a closer fit than the box around all.
+    pub(crate) fn parts(&self) -> Vec<Aabb> {
+        let below = |(child, bounds): (Child, Aabb)| {
+            if child.is_leaf() {
+                vec![bounds]
+            } else {
+                children(&self.nodes[child.index()])
+                    .map(|(_, bounds)| bounds)
+                    .collect()
+            }
+        };
+        children(&self.nodes[0]).flat_map(below).collect()
+    }
+
     /// Collapses a binary tree; `make_leaf` is called with the items of each leaf and returns the leaf's index.
     pub(crate) fn collapse(
         tree: &BinaryTree,
@@ -119,6 +148,7 @@ impl WideTree {
                 );
             }
         }
+        nodes.shrink_to_fit();
         Self {
             nodes,
             bounds: tree.nodes[0].bounds,
@@ -126,11 +156,24 @@ impl WideTree {
     }
 }
 
+fn children(node: &Node) -> impl Iterator<Item = (Child, Aabb)> {
+    let bounds = |child: usize| {
+        let corner = |face: usize| Vec3::from_array(node.bounds.map(|axis| axis[face][child]));
+        Aabb {
+            min: corner(0),
+            max: corner(1),
+        }
+    };
+    (0..WIDTH)
+        .filter(|&child| node.children[child] != Child::MISSING)
+        .map(move |child| (node.children[child], bounds(child)))
+}
+
 fn empty_node() -> Node {
     let (low, high) = ([f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]);
     Node {
         bounds: [[low, high]; 3],
-        children: [Child::node(0); WIDTH],
+        children: [Child::MISSING; WIDTH],
     }
 }
 

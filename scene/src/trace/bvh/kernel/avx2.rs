@@ -3,7 +3,7 @@
 
 use std::{arch::x86_64::*, mem::MaybeUninit};
 
-use glam::Vec3A;
+use glam::{Affine3A, Vec3A};
 
 use super::Kernel;
 use crate::trace::{
@@ -68,6 +68,12 @@ impl Kernel for Avx2 {
     fn enter(self, ray: &Boxes, node: &Node, limit: f32) -> (u32, [Entry; WIDTH]) {
         // SAFETY: `self` proves that the instructions exist.
         unsafe { enter(ray, node, limit) }
+    }
+
+    #[inline(always)]
+    fn placed(self, transform: &Affine3A, block: &Block) -> Block {
+        // SAFETY: `self` proves that the instructions exist.
+        unsafe { placed(transform, block) }
     }
 
     #[inline(always)]
@@ -162,6 +168,29 @@ fn entries(enter: __m256, children: &[Child; WIDTH]) -> [Entry; WIDTH] {
         );
         std::mem::transmute(entries)
     }
+}
+
+/// Not fused, and in the order of [`Affine3A::transform_point3`], so that the bits are the same.
+#[inline]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
+fn placed(transform: &Affine3A, block: &Block) -> Block {
+    let columns = transform.matrix3;
+    let columns = [columns.x_axis, columns.y_axis, columns.z_axis];
+    let mut placed = Block {
+        corners: [[[0.0; LANES]; 3]; 3],
+    };
+    for (from, to) in block.corners.iter().zip(&mut placed.corners) {
+        let [x, y, z] = [load(&from[0]), load(&from[1]), load(&from[2])];
+        for (axis, lanes) in to.iter_mut().enumerate() {
+            let [mx, my, mz] = columns.map(|column| _mm256_set1_ps(column[axis]));
+            let sum = _mm256_add_ps(_mm256_mul_ps(mx, x), _mm256_mul_ps(my, y));
+            let sum = _mm256_add_ps(sum, _mm256_mul_ps(mz, z));
+            let sum = _mm256_add_ps(sum, _mm256_set1_ps(transform.translation[axis]));
+            // SAFETY: the pointer is of a whole array.
+            unsafe { _mm256_storeu_ps(lanes.as_mut_ptr(), sum) };
+        }
+    }
+    placed
 }
 
 #[inline]
