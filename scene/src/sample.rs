@@ -95,7 +95,9 @@ pub struct Frame {
 impl Frame {
     /// The frame around a unit vector.
     pub fn new(z: Vec3) -> Self {
-        let sign = 1_f32.copysign(z.z);
+        // Either sign is right while sign + z.z is not near 0. The paper changes it at z.z = 0, where the normals of
+        // floors and walls lie, and rounding would decide between two frames.
+        let sign = if z.z < -0.55 { -1.0 } else { 1.0 };
         let a = -1.0 / (sign + z.z);
         let b = z.x * z.y * a;
         Self {
