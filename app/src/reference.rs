@@ -22,12 +22,16 @@ use crate::{
 };
 use crate::{
     output::device,
-    tracers::{BuiltTracer, Choice, TracerArgs},
+    tracers::{BuiltTracer, Choice, TracerArgs, TracerChoice},
 };
 
 /// A tracer that is ready, where it runs.
 pub(crate) enum Ground {
-    Cpu(BuiltTracer),
+    Cpu {
+        built: BuiltTracer,
+        /// Who answers camera rays and the shadow rays of what the camera sees, where the tracer need not be exact.
+        exact: Option<BuiltTracer>,
+    },
     #[cfg(feature = "gpu")]
     Gpu {
         gpu: Box<Gpu>,
@@ -61,7 +65,13 @@ impl Ground {
         selection: &Selection,
     ) -> Result<Self> {
         match choice {
-            Choice::Cpu(choice) => choice.build(args, scene, selection).map(Self::Cpu),
+            Choice::Cpu(choice) => Ok(Self::Cpu {
+                built: choice.build(args, scene, selection)?,
+                exact: match choice {
+                    TracerChoice::Ldi => Some(TracerChoice::Bvh.build(args, scene, selection)?),
+                    TracerChoice::Bvh | TracerChoice::BruteForce => None,
+                },
+            }),
             #[cfg(feature = "gpu")]
             Choice::Gpu(choice) => {
                 let gpu = Gpu::build(choice, adapter, scene, selection)?;
@@ -86,7 +96,7 @@ impl Ground {
     /// Held by the tracer's own structures.
     pub(crate) fn bytes(&self) -> usize {
         match self {
-            Self::Cpu(built) => built.bytes,
+            Self::Cpu { built, .. } => built.bytes,
             #[cfg(feature = "gpu")]
             Self::Gpu { gpu, .. } => gpu.bytes,
         }
@@ -95,7 +105,7 @@ impl Ground {
     /// What computes.
     pub(crate) fn device(&self) -> String {
         match self {
-            Self::Cpu(_) => device(),
+            Self::Cpu { .. } => device(),
             #[cfg(feature = "gpu")]
             Self::Gpu { gpu, .. } => gpu.device(),
         }
@@ -109,9 +119,9 @@ impl Ground {
         progress: &dyn Progress,
     ) -> Result<Made> {
         match self {
-            Self::Cpu(built) => {
+            Self::Cpu { built, exact } => {
                 let tracers = Tracers {
-                    exact: &*built.tracer,
+                    exact: &*exact.as_ref().unwrap_or(built).tracer,
                     secondary: &*built.tracer,
                 };
                 let Order {

@@ -342,19 +342,22 @@ fn trace_all(tracer: &dyn Tracer, rays: &[Ray], mode: Mode, repeat: u32) -> Trac
     }
 }
 
-/// Batches are large enough for tracers that sort rays, and small enough to share out.
+/// Batches are as large as they can be, for tracers that sort rays, and small enough to share out.
 fn median_seconds<T: Send>(
     rays: &[Ray],
     hits: &mut [T],
     repeat: u32,
     trace: impl Fn(&[Ray], &mut [T]) + Sync,
 ) -> f64 {
-    const BATCH: usize = 8192;
+    let batch = rays
+        .len()
+        .div_ceil(4 * rayon::current_num_threads())
+        .max(8192);
     let seconds = (0..repeat)
         .map(|_| {
             let work = || {
-                rays.par_chunks(BATCH)
-                    .zip(hits.par_chunks_mut(BATCH))
+                rays.par_chunks(batch)
+                    .zip(hits.par_chunks_mut(batch))
                     .for_each(|(rays, hits)| trace(rays, hits));
             };
             timed(work).1

@@ -6,9 +6,12 @@ use std::sync::Arc;
 use crate::gpu::has_hardware;
 use anyhow::{Result, bail, ensure};
 use clap::{Args, ValueEnum};
+use isophote_ldi::{Coverage, LdiParams, LdiTracer};
 use isophote_scene::{
     BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Levels, Scene, Selection, Tracer,
 };
+
+use crate::values;
 
 /// Who answers rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -17,6 +20,8 @@ pub(crate) enum TracerChoice {
     Bvh,
     /// Exact, by testing every triangle: slow, for checking
     BruteForce,
+    /// Layered depth images: see --ldi-layers
+    Ldi,
 }
 
 /// Who answers rays, wherever.
@@ -26,6 +31,8 @@ pub(crate) enum AnyTracer {
     Bvh,
     /// CPU: exact, by testing every triangle: slow, for checking
     BruteForce,
+    /// CPU: layered depth images: see --ldi-layers
+    Ldi,
     /// GPU: exact, by a bounding volume hierarchy
     ComputeBvh,
     /// GPU: exact, by the GPU's own ray tracing
@@ -54,6 +61,7 @@ impl AnyTracer {
         match self {
             Self::Bvh => Choice::Cpu(TracerChoice::Bvh),
             Self::BruteForce => Choice::Cpu(TracerChoice::BruteForce),
+            Self::Ldi => Choice::Cpu(TracerChoice::Ldi),
             Self::ComputeBvh => Choice::Gpu(GpuTracerChoice::ComputeBvh),
             Self::RayQuery => Choice::Gpu(GpuTracerChoice::RayQuery),
             Self::Boxes => Choice::Gpu(GpuTracerChoice::Boxes),
@@ -130,6 +138,8 @@ pub(crate) struct TracerArgs {
     /// How the tracer bvh holds instances; the answers do not depend on it
     #[arg(long, value_enum, value_name = "LEVELS", default_value = "auto")]
     bvh_levels: BvhLevels,
+    #[command(flatten)]
+    ldi: LdiArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -164,6 +174,46 @@ impl TracerArgs {
     }
 }
 
+/// How the maps of the tracer `ldi` are made.
+#[derive(Args, Clone, Copy, Debug)]
+struct LdiArgs {
+    /// Directions of the tracer ldi: 6 K² of them [K]
+    #[arg(long, value_name = "K", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=64))]
+    ldi_cells: u32,
+    /// Pixels on each side of its maps
+    #[arg(long, value_name = "PIXELS", default_value_t = 128, value_parser = clap::value_parser!(u32).range(8..=4096))]
+    ldi_resolution: u32,
+    /// What its maps hold
+    #[arg(long, value_enum, value_name = "WHAT", default_value = "touched")]
+    ldi_layers: Layers,
+    /// How far a triangle reaches beyond its edge, for --ldi-layers center [pixels]
+    #[arg(long, value_name = "PIXELS", default_value_t = LdiParams::default().epsilon, value_parser = values::not_negative)]
+    ldi_epsilon: f32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Layers {
+    /// Triangles at the centres of pixels: approximate, as in the paper
+    Center,
+    /// All triangles that touch a pixel: exact
+    Touched,
+}
+
+impl LdiArgs {
+    fn params(&self) -> LdiParams {
+        LdiParams {
+            cells: self.ldi_cells,
+            resolution: self.ldi_resolution,
+            coverage: match self.ldi_layers {
+                Layers::Center => Coverage::Center,
+                Layers::Touched => Coverage::Touched,
+            },
+            epsilon: self.ldi_epsilon,
+            ..LdiParams::default()
+        }
+    }
+}
+
 /// A tracer, and the bytes its own structures hold.
 pub(crate) struct BuiltTracer {
     pub(crate) tracer: Box<dyn Tracer>,
@@ -180,6 +230,7 @@ impl TracerChoice {
         match self {
             Self::Bvh => build::<BvhTracer>(scene, selection, &args.bvh_options()),
             Self::BruteForce => build::<BruteForceTracer>(scene, selection, &()),
+            Self::Ldi => build::<LdiTracer>(scene, selection, &args.ldi.params()),
         }
     }
 }

@@ -1,0 +1,324 @@
+//! Stage 1, building the maps (§3.1): triangles are grouped, projected along every direction, and the layers of each
+//! pixel packed.
+//!
+//! For every map: all fragments are found, counted by pixel, the counts summed up (the prefix sum), the fragments
+//! scattered to their pixels and sorted there. The maps are independent of each other and the result does not depend
+//! on the number of threads.
+
+mod groups;
+mod raster;
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use glam::{Affine3A, DVec3};
+use isophote_scene::{Aabb, Scene, Selection, WorldTriangle, world_triangles};
+use rayon::prelude::*;
+
+use self::raster::{Fragment, Raster};
+use super::maps::{
+    Block, BlockSurfaces, Frame, LANES, Layer, Layers, Maps, PADDING, Pixel, TILE, slabs,
+};
+use crate::{Coverage, Directions, Error, LdiParams, Result};
+
+/// Bytes of a layer while maps are built, and at most after.
+const LAYER_BYTES: u64 = 16;
+
+/// Builds the maps of the selected part of a scene.
+///
+/// They reach as far as the selection's bounds, or as the geometry where that is smaller; what lies outside is not
+/// seen by any ray.
+///
+/// # Errors
+/// [`Error::Parameter`] for parameters out of their range, [`Error::TooLarge`] when the maps would take too much
+/// memory, [`Error::Scene`] when nothing is selected.
+pub fn build(
+    scene: &Scene,
+    transforms: &[Affine3A],
+    selection: &Selection,
+    params: &LdiParams,
+) -> Result<Maps> {
+    params.check()?;
+    isophote_scene::check_transforms(scene, transforms)?;
+    let mut triangles = world_triangles(scene, transforms, selection);
+    let bounds = fit(&triangles, selection)?;
+    let starts = groups::group(&mut triangles);
+    let (blocks, surfaces) = pack(scene, &triangles, &starts);
+    let targets = match params.coverage {
+        Coverage::Center => blocks.len() * LANES,
+        Coverage::Touched => blocks.len(),
+    };
+    let plan = Plan {
+        params,
+        directions: Directions::new(params.cells),
+        resolution: params.resolution.next_multiple_of(TILE),
+        bounds,
+        blocks,
+        surfaces,
+    };
+    if targets <= 1 << 16 {
+        plan.build(Layers::Narrow)
+    } else {
+        plan.build(Layers::Wide)
+    }
+}
+
+/// The box that the maps cover.
+fn fit(triangles: &[WorldTriangle], selection: &Selection) -> Result<Aabb> {
+    let corners = triangles.iter().flat_map(|triangle| triangle.corners);
+    let geometry = Aabb::around(corners);
+    let bounds = selection.bounds.map_or(geometry, |bounds| Aabb {
+        min: bounds.min.max(geometry.min),
+        max: bounds.max.min(geometry.max),
+    });
+    if geometry.is_empty() || bounds.is_empty() {
+        return Err(isophote_scene::Error::NoGeometry {
+            reason: "no triangle is selected".into(),
+        }
+        .into());
+    }
+    // Flat scenes get some depth.
+    let least = 1e-5 * (bounds.diagonal() + bounds.largest_coordinate()).max(f32::MIN_POSITIVE);
+    Ok(Aabb {
+        min: bounds.min - least,
+        max: bounds.max + least,
+    })
+}
+
+/// Fits a map around a box, with a little room at all sides.
+fn frame(directions: Directions, map: usize, bounds: &Aabb, cells: DVec3) -> Frame {
+    let depth = directions.axis(map);
+    let slope = directions.slope(map).to_array();
+    let unscaled = Frame {
+        slope,
+        low: [0.0; 3],
+        scale: [1.0; 3],
+    };
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for corner in bounds.corners() {
+        let place = unscaled.place(depth, corner);
+        low = low.min(place);
+        high = high.max(place);
+    }
+    let room = 1e-3 * (high - low);
+    let size = high - low + 2.0 * room;
+    Frame {
+        slope,
+        low: (low - room).as_vec3().to_array(),
+        scale: (cells / size).as_vec3().to_array(),
+    }
+}
+
+/// Lays the triangles of groups side by side.
+fn pack(
+    scene: &Scene,
+    triangles: &[WorldTriangle],
+    starts: &[usize],
+) -> (Vec<Block>, Vec<BlockSurfaces>) {
+    let groups = starts.windows(2).map(|ends| &triangles[ends[0]..ends[1]]);
+    groups
+        .map(|group| {
+            let mut block = Block {
+                corners: [[[f32::NAN; LANES]; 3]; 3],
+            };
+            let mut surfaces = BlockSurfaces {
+                instances: [u32::MAX; LANES],
+                primitives: [u32::MAX; LANES],
+                masked: 0,
+            };
+            for (lane, triangle) in group.iter().enumerate() {
+                for (corner, position) in triangle.corners.into_iter().enumerate() {
+                    for axis in 0..3 {
+                        block.corners[corner][axis][lane] = position[axis];
+                    }
+                }
+                surfaces.instances[lane] = triangle.surface.instance;
+                surfaces.primitives[lane] = triangle.surface.primitive;
+                surfaces.masked |= u32::from(scene.is_masked(triangle.surface)) << lane;
+            }
+            (block, surfaces)
+        })
+        .unzip()
+}
+
+/// The plane of each lane of each block.
+fn planes(blocks: &[Block]) -> Vec<[f32; 4]> {
+    let plane = |block: &Block, lane| {
+        let [a, b, c] = block.corners(lane);
+        let normal = isophote_scene::unit_normal(a, b, c);
+        normal.extend(normal.dot(a)).to_array()
+    };
+    let lanes = |block| (0..LANES).map(move |lane| plane(block, lane));
+    blocks.iter().flat_map(lanes).collect()
+}
+
+/// Counts the layers of all maps against the memory that is allowed.
+struct Budget {
+    layers: AtomicU64,
+    most: u64,
+    limit: u64,
+}
+
+impl Budget {
+    fn new(params: &LdiParams, blocks: &[Block]) -> Self {
+        let fixed = size_of::<Pixel>() as u64 * params.pixels() + size_of_val(blocks) as u64;
+        let rest = params.max_bytes.saturating_sub(fixed);
+        Self {
+            layers: AtomicU64::new(0),
+            // Offsets have 32 bits.
+            most: (rest / LAYER_BYTES).min(u64::from(u32::MAX)),
+            limit: params.max_bytes,
+        }
+    }
+
+    fn take(&self, layers: usize) -> Result<()> {
+        let before = self.layers.fetch_add(layers as u64, Ordering::Relaxed);
+        if before + layers as u64 <= self.most {
+            return Ok(());
+        }
+        Err(Error::TooLarge {
+            limit: self.limit,
+            remedy: "take fewer directions or a lower resolution, or fit the maps to bounds",
+        })
+    }
+}
+
+/// What all maps are built from.
+struct Plan<'a> {
+    params: &'a LdiParams,
+    directions: Directions,
+    resolution: u32,
+    bounds: Aabb,
+    blocks: Vec<Block>,
+    surfaces: Vec<BlockSurfaces>,
+}
+
+/// The layers of one map.
+struct Map<L> {
+    /// Counted from the map's first layer.
+    pixels: Vec<Pixel>,
+    layers: Vec<L>,
+}
+
+impl Plan<'_> {
+    fn build<L: Layer>(self, wrap: fn(Vec<L>) -> Layers) -> Result<Maps> {
+        let side = f64::from(self.resolution);
+        let cells = DVec3::new(side, side, f64::from(L::STEPS));
+        let frames: Vec<Frame> = (0..self.directions.maps())
+            .map(|map| frame(self.directions, map, &self.bounds, cells))
+            .collect();
+        let budget = Budget::new(self.params, &self.blocks);
+        let maps = frames
+            .par_iter()
+            .enumerate()
+            .map(|(map, frame)| self.draw(frame, self.directions.axis(map), &budget))
+            .collect::<Result<Vec<Map<L>>>>()?;
+        let count = maps.iter().map(|map| map.layers.len()).sum::<usize>();
+        let mut pixels = Vec::with_capacity(self.params.pixels() as usize + 1);
+        let mut layers = Vec::with_capacity(count + PADDING);
+        for map in maps {
+            // The budget has seen to it that they can be counted so.
+            let before = layers.len() as u32;
+            pixels.extend(map.pixels.into_iter().map(|pixel| Pixel {
+                first: before + pixel.first,
+                ..pixel
+            }));
+            layers.extend(map.layers);
+        }
+        pixels.push(Pixel {
+            first: count as u32,
+            slabs: 0,
+        });
+        layers.resize(count + PADDING, L::zeroed());
+        Ok(Maps {
+            resolution: self.resolution,
+            frames,
+            pixels,
+            layers: wrap(layers),
+            planes: match self.params.coverage {
+                Coverage::Center => planes(&self.blocks),
+                Coverage::Touched => Vec::new(),
+            },
+            blocks: self.blocks,
+            surfaces: self.surfaces,
+        })
+    }
+
+    /// All layers of a map, by pixel and depth.
+    fn draw<L: Layer>(&self, frame: &Frame, depth: usize, budget: &Budget) -> Result<Map<L>> {
+        let raster = Raster::new(self.resolution, L::STEPS, self.params.coverage);
+        let mut fragments = Vec::new();
+        let mut taken = 0;
+        for (index, block) in self.blocks.iter().enumerate() {
+            for lane in 0..LANES {
+                let corners = block.corners(lane);
+                if corners[0].x.is_nan() {
+                    break;
+                }
+                let target = match self.params.coverage {
+                    Coverage::Center => index * LANES + lane,
+                    Coverage::Touched => index,
+                };
+                let places = corners.map(|corner| frame.place(depth, corner));
+                raster.draw(places, target as u32, &mut |fragment| {
+                    fragments.push(fragment);
+                });
+            }
+            // A triangle adds at most one fragment per pixel, so this is in time.
+            budget.take(fragments.len() - taken)?;
+            taken = fragments.len();
+        }
+        Ok(compact(&fragments, self.resolution))
+    }
+}
+
+/// Count, prefix sum, scatter, then for each pixel: parts of the same target become one layer, and layers are sorted
+/// by depth.
+fn compact<L: Layer>(fragments: &[Fragment], resolution: u32) -> Map<L> {
+    let pixels = resolution as usize * resolution as usize;
+    let mut ends = vec![0_u32; pixels + 1];
+    for fragment in fragments {
+        ends[fragment.pixel as usize + 1] += 1;
+    }
+    for pixel in 0..pixels {
+        ends[pixel + 1] += ends[pixel];
+    }
+    let mut sorted = vec![L::zeroed(); fragments.len()];
+    let mut next = ends.clone();
+    for fragment in fragments {
+        let slot = &mut next[fragment.pixel as usize];
+        let (near, far) = (u32::from(fragment.near), u32::from(fragment.far));
+        sorted[*slot as usize] = L::new(near, far, fragment.target);
+        *slot += 1;
+    }
+    let mut kept = 0;
+    let mut packed = Vec::with_capacity(pixels);
+    for pixel in 0..pixels {
+        let first = kept;
+        let mut occupied = 0;
+        for index in ends[pixel] as usize..ends[pixel + 1] as usize {
+            let mut layer = sorted[index];
+            // Targets come in order, so parts of one are neighbours.
+            if kept > first && sorted[kept - 1].target() == layer.target() {
+                kept -= 1;
+                let other = sorted[kept];
+                let (near, far) = (layer.near().min(other.near()), layer.far().max(other.far()));
+                layer = L::new(near, far, layer.target());
+            }
+            occupied |= slabs(layer.near(), layer.far(), L::STEPS);
+            sorted[kept] = layer;
+            kept += 1;
+        }
+        // The word's order is that of near, far and target.
+        sorted[first..kept].sort_unstable();
+        packed.push(Pixel {
+            first: first as u32,
+            slabs: occupied,
+        });
+    }
+    sorted.truncate(kept);
+    sorted.shrink_to_fit();
+    Map {
+        pixels: packed,
+        layers: sorted,
+    }
+}

@@ -1,0 +1,351 @@
+//! Maps in files, so that they are built once.
+//!
+//! ```text
+//! header    128 bytes: what it is, its version, the parameters, how many of everything there are, of which scene
+//! arrays    frames, pixels, layers, blocks, surfaces, planes, as they lie in memory
+//! checksum  16 bytes: SipHash-1-3 of all before
+//! ```
+//!
+//! The scene is known by the hash of the selected triangles, what they are and whether they may let rays pass, and of
+//! the bounds. A file is only read after its length and checksum have been found right, and every number in it that
+//! points at something has been checked before a ray is traced.
+
+use std::{fs::File, hash::Hasher, io::Read, io::Write, path::Path, sync::Arc};
+
+use bytemuck::{Pod, Zeroable};
+use glam::Affine3A;
+use isophote_scene::{Scene, Selection, world_triangles, write_atomically};
+use siphasher::sip128::{Hasher128, SipHasher13};
+
+use super::{
+    maps::{Block, BlockSurfaces, Frame, LANES, Layer, Layers, Maps, PADDING, Pixel, TILE},
+    trace::LdiTracer,
+};
+use crate::{Coverage, Directions, Error, LdiParams, Result};
+
+const MAGIC: [u8; 8] = *b"ISOPHLDI";
+const VERSION: u32 = 1;
+/// Reads differently where bytes lie the other way round.
+const BYTE_ORDER: u32 = 0x0102_0304;
+const CHECKSUM: usize = 16;
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct Header {
+    magic: [u8; 8],
+    version: u32,
+    byte_order: u32,
+    cells: u32,
+    resolution: u32,
+    coverage: u32,
+    epsilon: f32,
+    /// Bytes of a layer, 4 or 8.
+    layer_bytes: u32,
+    unused: u32,
+    layers: u64,
+    blocks: u64,
+    scene: [u64; 2],
+    reserved: [u64; 7],
+}
+
+impl LdiTracer {
+    /// Writes the maps into a file, whole or not at all.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] when the file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        let header = self.header();
+        let maps = self.maps();
+        let layers: &[u8] = match &maps.layers {
+            Layers::Narrow(layers) => bytemuck::cast_slice(layers),
+            Layers::Wide(layers) => bytemuck::cast_slice(layers),
+        };
+        let parts: [&[u8]; 7] = [
+            bytemuck::bytes_of(&header),
+            bytemuck::cast_slice(&maps.frames),
+            bytemuck::cast_slice(&maps.pixels),
+            layers,
+            bytemuck::cast_slice(&maps.blocks),
+            bytemuck::cast_slice(&maps.surfaces),
+            bytemuck::cast_slice(&maps.planes),
+        ];
+        write_atomically(path, |writer| {
+            let mut hasher = SipHasher13::new();
+            for part in parts {
+                hasher.write(part);
+                writer.write_all(part).map_err(|source| io(path, source))?;
+            }
+            let sum = hasher.finish128().as_bytes();
+            writer.write_all(&sum).map_err(|source| io(path, source))
+        })?;
+        Ok(())
+    }
+
+    /// Reads maps that were [saved](Self::save) of the same selection of the same scene.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the file cannot be read, [`Error::Damaged`] when it is no file of maps or not as it was
+    /// written, [`Error::Foreign`] when it is of another scene, selection or version.
+    pub fn load(path: &Path, scene: &Arc<Scene>, selection: &Selection) -> Result<Self> {
+        let bytes = read(path)?;
+        let header: Header = bytemuck::pod_read_unaligned(&bytes[..size_of::<Header>()]);
+        if header.scene != scene_key(scene, &scene.transforms(), selection) {
+            return Err(foreign(
+                path,
+                "the maps are of another scene, or of another selection of it",
+            ));
+        }
+        let params = header.params(path)?;
+        let maps = header.maps(path, &bytes)?;
+        check(&maps, &params, scene).map_err(|reason| damaged(path, reason))?;
+        Ok(Self::from_maps(scene, selection, &params, maps))
+    }
+
+    fn header(&self) -> Header {
+        let (maps, params) = (self.maps(), self.params());
+        Header {
+            magic: MAGIC,
+            version: VERSION,
+            byte_order: BYTE_ORDER,
+            cells: params.cells,
+            resolution: params.resolution,
+            coverage: params.coverage as u32,
+            epsilon: params.epsilon,
+            layer_bytes: match maps.layers {
+                Layers::Narrow(_) => 4,
+                Layers::Wide(_) => 8,
+            },
+            unused: 0,
+            layers: maps.layers.count() as u64,
+            blocks: maps.blocks.len() as u64,
+            scene: self.scene_key(),
+            reserved: [0; 7],
+        }
+    }
+}
+
+/// The hash of what the maps are built of.
+pub(crate) fn scene_key(scene: &Scene, transforms: &[Affine3A], selection: &Selection) -> [u64; 2] {
+    let mut hasher = SipHasher13::new();
+    for triangle in world_triangles(scene, transforms, selection) {
+        let surface = triangle.surface;
+        let masked = scene.is_masked(surface);
+        hasher.write(bytemuck::cast_slice(&triangle.corners));
+        hasher.write(bytemuck::cast_slice(&[
+            surface.instance,
+            surface.primitive,
+            u32::from(masked),
+        ]));
+    }
+    if let Some(bounds) = selection.bounds {
+        hasher.write(bytemuck::cast_slice(&[bounds.min, bounds.max]));
+    }
+    let hash = hasher.finish128();
+    [hash.h1, hash.h2]
+}
+
+/// The whole file, its beginning, length and checksum found right.
+fn read(path: &Path) -> Result<Vec<u8>> {
+    let fail = |source| Error::Io {
+        path: path.to_owned(),
+        source,
+    };
+    let mut file = File::open(path).map_err(fail)?;
+    let length = file.metadata().map_err(fail)?.len();
+    let mut start = [0; size_of::<Header>()];
+    file.read_exact(&mut start)
+        .map_err(|_| damaged(path, "it is too short to hold maps"))?;
+    let header: Header = bytemuck::pod_read_unaligned(&start);
+    if header.magic != MAGIC {
+        return Err(damaged(path, "it is no file of layered depth images"));
+    }
+    if header.version != VERSION || header.byte_order != BYTE_ORDER {
+        return Err(foreign(
+            path,
+            "the maps were saved by another version or on another kind of processor",
+        ));
+    }
+    header.params(path)?;
+    // Only what is there is read, whatever the header says.
+    if header.length() != Some(length) {
+        return Err(damaged(
+            path,
+            "it is not as long as its header says: it was cut off, or something was added",
+        ));
+    }
+    let mut bytes = start.to_vec();
+    file.read_to_end(&mut bytes).map_err(fail)?;
+    if bytes.len() as u64 != length {
+        return Err(damaged(path, "it changed while it was read"));
+    }
+    let (content, sum) = bytes.split_at(bytes.len() - CHECKSUM);
+    let mut hasher = SipHasher13::new();
+    hasher.write(content);
+    if hasher.finish128().as_bytes() != *sum {
+        return Err(damaged(path, "its checksum is wrong"));
+    }
+    Ok(bytes)
+}
+
+impl Header {
+    fn params(&self, path: &Path) -> Result<LdiParams> {
+        let params = LdiParams {
+            cells: self.cells,
+            resolution: self.resolution,
+            coverage: match self.coverage {
+                0 => Coverage::Center,
+                1 => Coverage::Touched,
+                _ => return Err(damaged(path, "its header names no known kind of layers")),
+            },
+            epsilon: self.epsilon,
+            ..LdiParams::default()
+        };
+        let params = LdiParams {
+            max_bytes: u64::MAX,
+            ..params
+        };
+        if params.check().is_err() || ![4, 8].contains(&self.layer_bytes) {
+            return Err(damaged(
+                path,
+                "its header holds parameters out of their range",
+            ));
+        }
+        Ok(params)
+    }
+
+    /// Frames, pixels, layers, blocks, surfaces and planes.
+    fn counts(&self) -> Option<[u64; 6]> {
+        let frames = Directions::new(self.cells).maps() as u64;
+        let side = u64::from(self.resolution.next_multiple_of(TILE));
+        let planes = match self.coverage {
+            0 => self.blocks.checked_mul(LANES as u64)?,
+            _ => 0,
+        };
+        Some([
+            frames,
+            frames * side * side + 1,
+            self.layers.checked_add(PADDING as u64)?,
+            self.blocks,
+            self.blocks,
+            planes,
+        ])
+    }
+
+    /// The length of the file.
+    fn length(&self) -> Option<u64> {
+        let sizes = [
+            size_of::<Frame>() as u64,
+            size_of::<Pixel>() as u64,
+            u64::from(self.layer_bytes),
+            size_of::<Block>() as u64,
+            size_of::<BlockSurfaces>() as u64,
+            size_of::<[f32; 4]>() as u64,
+        ];
+        let mut length = (size_of::<Self>() + CHECKSUM) as u64;
+        for (count, size) in self.counts()?.into_iter().zip(sizes) {
+            length = length.checked_add(count.checked_mul(size)?)?;
+        }
+        Some(length)
+    }
+
+    fn maps(&self, path: &Path, bytes: &[u8]) -> Result<Maps> {
+        let counts = self
+            .counts()
+            .ok_or_else(|| damaged(path, "its header counts too much"))?;
+        let mut rest = &bytes[size_of::<Self>()..];
+        Ok(Maps {
+            resolution: self.resolution.next_multiple_of(TILE),
+            frames: take(&mut rest, counts[0]),
+            pixels: take(&mut rest, counts[1]),
+            layers: if self.layer_bytes == 4 {
+                Layers::Narrow(take(&mut rest, counts[2]))
+            } else {
+                Layers::Wide(take(&mut rest, counts[2]))
+            },
+            blocks: take(&mut rest, counts[3]),
+            surfaces: take(&mut rest, counts[4]),
+            planes: take(&mut rest, counts[5]),
+        })
+    }
+}
+
+/// The next array of bytes whose number is known to be right.
+fn take<T: Pod>(rest: &mut &[u8], count: u64) -> Vec<T> {
+    let (now, later) = rest.split_at(count as usize * size_of::<T>());
+    *rest = later;
+    let mut values = vec![T::zeroed(); count as usize];
+    bytemuck::cast_slice_mut(&mut values).copy_from_slice(now);
+    values
+}
+
+/// Whether everything points at something that is there.
+fn check(maps: &Maps, params: &LdiParams, scene: &Scene) -> Result<(), &'static str> {
+    let ordered = maps
+        .pixels
+        .windows(2)
+        .all(|two| two[0].first <= two[1].first);
+    let ends = maps.pixels.first().zip(maps.pixels.last());
+    let count = maps.layers.count();
+    if !ordered || ends.is_none_or(|(a, b)| a.first != 0 || b.first as usize != count) {
+        return Err("its pixels do not share out its layers");
+    }
+    let targets = match params.coverage {
+        Coverage::Center => maps.blocks.len() * LANES,
+        Coverage::Touched => maps.blocks.len(),
+    };
+    let largest = match &maps.layers {
+        Layers::Narrow(layers) => largest_target(&layers[..count]),
+        Layers::Wide(layers) => largest_target(&layers[..count]),
+    };
+    if largest.is_some_and(|largest| largest as usize >= targets) {
+        return Err("a layer is of no triangle");
+    }
+    let exists = |instance: u32, primitive: u32| {
+        scene
+            .instances
+            .get(instance as usize)
+            .is_some_and(|placed| (primitive as usize) < scene.mesh(placed).triangles.len())
+    };
+    let known = maps.surfaces.iter().all(|surfaces| {
+        let pairs = surfaces.instances.iter().zip(&surfaces.primitives);
+        pairs
+            .into_iter()
+            .all(|(&instance, &primitive)| instance == u32::MAX || exists(instance, primitive))
+    });
+    if !known {
+        return Err("a triangle is none of the scene's");
+    }
+    let scales = maps.frames.iter().flat_map(|frame| frame.scale);
+    if !scales
+        .into_iter()
+        .all(|scale| scale.is_finite() && scale > 0.0)
+    {
+        return Err("a map has no extent");
+    }
+    Ok(())
+}
+
+fn largest_target<L: Layer>(layers: &[L]) -> Option<u32> {
+    layers.iter().map(|layer| layer.target()).max()
+}
+
+fn io(path: &Path, source: std::io::Error) -> isophote_scene::Error {
+    isophote_scene::Error::Io {
+        path: path.to_owned(),
+        source,
+    }
+}
+
+fn damaged(path: &Path, reason: &str) -> Error {
+    Error::Damaged {
+        path: path.to_owned(),
+        reason: reason.into(),
+    }
+}
+
+fn foreign(path: &Path, reason: &str) -> Error {
+    Error::Foreign {
+        path: path.to_owned(),
+        reason: reason.into(),
+    }
+}

@@ -1,0 +1,83 @@
+//! What can go wrong with layered depth images.
+
+use std::path::PathBuf;
+
+/// Result of this crate's fallible functions.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// Everything that can go wrong while building, saving and loading maps.
+#[non_exhaustive]
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A parameter is out of its range.
+    #[error("{name} is {value}, but {expected}")]
+    Parameter {
+        /// The parameter's name.
+        name: &'static str,
+        /// The value given.
+        value: String,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// The maps would take more memory than is allowed.
+    #[error("the maps would take more than the {limit} bytes that are allowed; {remedy}")]
+    TooLarge {
+        /// [`LdiParams::max_bytes`](crate::LdiParams::max_bytes), or what can be counted.
+        limit: u64,
+        /// What to do about it.
+        remedy: &'static str,
+    },
+    /// The scene, or a file of it.
+    #[error(transparent)]
+    Scene(#[from] isophote_scene::Error),
+    /// A file of maps could not be read.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// A file is no file of maps, or has been damaged.
+    #[error("{}: {reason}; build the maps anew", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and where in the file.
+        reason: String,
+    },
+    /// A file of maps was made of another scene, another selection of it or by another version.
+    #[error("{}: {reason}; build the maps anew", path.display())]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// What differs.
+        reason: String,
+    },
+}
+
+impl From<Error> for isophote_scene::Error {
+    fn from(error: Error) -> Self {
+        match error {
+            Error::Scene(error) => error,
+            Error::Parameter {
+                name,
+                value,
+                expected,
+            } => Self::Parameter {
+                name,
+                value,
+                expected,
+            },
+            Error::TooLarge { limit, remedy } => Self::Parameter {
+                name: "the memory of the maps",
+                value: format!("more than {limit} bytes"),
+                expected: remedy,
+            },
+            Error::Io { path, source } => Self::Io { path, source },
+            Error::Damaged { path, reason } | Error::Foreign { path, reason } => {
+                Self::Malformed { path, reason }
+            }
+        }
+    }
+}

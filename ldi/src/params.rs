@@ -1,0 +1,99 @@
+//! What can be chosen when maps are built.
+
+use crate::{
+    Error, Result,
+    cpu::maps::{Pixel, TILE},
+};
+
+/// How many maps there are, how fine they are, and what they hold.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LdiParams {
+    /// k: directions are the cells of a k × k grid on each face of a cube (§3.1), 6k² in all, answered by 3k² maps.
+    /// 1 to 64; 4 gives the paper's 96 directions, 5 its 150, 8 its 384.
+    pub cells: u32,
+    /// Pixels on each side of a map, rounded up to a multiple of 4; 8 to 4096. The paper takes 128 for diffuse and glossy light, 512 for shadows.
+    pub resolution: u32,
+    /// What a pixel's layers are.
+    pub coverage: Coverage,
+    /// How far beside its triangle a layer still stops rays, in pixels: the paper's ε (§3.2). Only for
+    /// [`Coverage::Center`]; 0 to 2. More leaks less at edges, and stops more rays that pass them.
+    pub epsilon: f32,
+    /// The most memory that maps may take, bytes.
+    pub max_bytes: u64,
+}
+
+/// What a pixel's layers are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Coverage {
+    /// The triangles that cover the pixel's centre, as a rasteriser finds them (the paper). A ray stops where it meets
+    /// a layer's plane within the pixel. Memory does not grow with the number of triangles; edges are as fine as the
+    /// pixels.
+    Center,
+    /// All triangles that touch the pixel, in groups of up to eight; a ray stops where it meets one of them. Every
+    /// hit is exact, and none is lost.
+    #[default]
+    Touched,
+}
+
+impl Default for LdiParams {
+    /// 96 directions, 128 × 128 pixels, exact, and at most 4 GiB.
+    fn default() -> Self {
+        Self {
+            cells: 4,
+            resolution: 128,
+            coverage: Coverage::default(),
+            epsilon: 0.5,
+            max_bytes: 4 << 30,
+        }
+    }
+}
+
+impl LdiParams {
+    /// An error unless every parameter is in its range.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`].
+    pub fn check(&self) -> Result<()> {
+        let wrong = |name, value: String, expected| {
+            Err(Error::Parameter {
+                name,
+                value,
+                expected,
+            })
+        };
+        if !(1..=64).contains(&self.cells) {
+            return wrong(
+                "the number of cells on a side of the cube",
+                self.cells.to_string(),
+                "it must be 1 to 64",
+            );
+        }
+        if !(8..=4096).contains(&self.resolution) {
+            return wrong(
+                "the resolution of the maps",
+                self.resolution.to_string(),
+                "it must be 8 to 4096 pixels",
+            );
+        }
+        if !(0.0..=2.0).contains(&self.epsilon) {
+            return wrong(
+                "the tolerance of the maps",
+                self.epsilon.to_string(),
+                "it must be 0 to 2 pixels",
+            );
+        }
+        if self.pixels() * size_of::<Pixel>() as u64 > self.max_bytes {
+            return Err(Error::TooLarge {
+                limit: self.max_bytes,
+                remedy: "take fewer directions or a lower resolution",
+            });
+        }
+        Ok(())
+    }
+
+    /// Pixels of all maps together.
+    pub(crate) fn pixels(&self) -> u64 {
+        let side = self.resolution.next_multiple_of(TILE);
+        3 * u64::from(self.cells).pow(2) * u64::from(side).pow(2)
+    }
+}
