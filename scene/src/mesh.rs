@@ -17,7 +17,7 @@ pub struct Mesh {
     pub normals: Vec<Vec3>,
     /// Texture coordinates of the sets 0 and 1, (0, 0) at the image's top left; each set may be empty.
     pub uvs: [Vec<Vec2>; 2],
-    /// Linear RGBA factors of the base colour; may be empty, which means white.
+    /// Linear RGBA factors of the base colour, each in 0..=1; may be empty, which means white.
     pub colors: Vec<Vec4>,
     /// Vertex indices; counter-clockwise as seen from the front.
     pub triangles: Vec<[u32; 3]>,

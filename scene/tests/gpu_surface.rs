@@ -56,6 +56,7 @@ struct Answer {
     ior: f32,
     /// Of each light, towards `direction`.
     lights: [Vec4; 3],
+    bounds: [Vec4; 2],
 }
 
 fn texture(
@@ -373,18 +374,26 @@ fn compare(context: &Context, mut scene: Scene, in_textures: bool) {
     let mut gpu_scene = GpuScene::new(context, &scene).unwrap();
     assert_eq!(gpu_scene.is_in_textures(), in_textures);
     let questions = questions(&scene);
-    let all_near = |scene: &Scene, answers: &[Answer]| {
-        for (question, answer) in questions.iter().zip(answers) {
+    let all_near = |scene: &Scene, gpu_scene: &GpuScene| {
+        let answers = ask(context, gpu_scene, &questions);
+        for (question, answer) in questions.iter().zip(&answers) {
             check(scene, question, answer);
         }
+        let bounds = gpu_scene.bounds();
+        assert_eq!(
+            answers[0].bounds,
+            [bounds.min, bounds.max].map(|corner| corner.extend(0.0))
+        );
     };
-    all_near(&scene, &ask(context, &gpu_scene, &questions));
+    let before = gpu_scene.bounds();
+    all_near(&scene, &gpu_scene);
     for instance in &mut scene.instances {
         instance.transform = Affine3A::from_rotation_y(1.0) * instance.transform;
     }
     scene.lights[1].transform = Affine3A::from_rotation_z(0.3) * scene.lights[1].transform;
     gpu_scene.update(context, &scene).unwrap();
-    all_near(&scene, &ask(context, &gpu_scene, &questions));
+    assert_ne!(gpu_scene.bounds(), before);
+    all_near(&scene, &gpu_scene);
     scene.instances.pop();
     assert!(gpu_scene.update(context, &scene).is_err());
 }

@@ -14,7 +14,7 @@ mod vertices;
 
 use self::{
     atlas::Atlas,
-    tables::{Tables, moving_records},
+    tables::{Tables, bounds_records, moving_records},
     vertices::{Geometry, MeshPlace},
 };
 use super::{
@@ -37,6 +37,7 @@ pub struct GpuScene {
     bounds: Aabb,
     material_count: usize,
     light_count: usize,
+    info: wgpu::Buffer,
     tables: Words,
     bytes: u64,
 }
@@ -135,6 +136,7 @@ impl GpuScene {
             bounds: scene.bounds(),
             material_count: scene.materials.len(),
             light_count: scene.lights.len(),
+            info,
             tables,
             bytes,
         })
@@ -179,7 +181,13 @@ impl GpuScene {
                 corners.map(|corner| instance.transform.transform_point3(corner))
             })
             .fold(Aabb::EMPTY, Aabb::grown);
-        context.check("moving the scene", |_| self.tables.write(context, &records))
+        context.check("moving the scene", |_| {
+            self.tables.write(context, &records);
+            for (offset, corner) in bounds_records(&self.bounds) {
+                let corner = bytemuck::bytes_of(&corner);
+                context.queue().write_buffer(&self.info, offset, corner);
+            }
+        })
     }
 
     /// The box around all instances, where they were at the last upload or update; empty without geometry.

@@ -1,10 +1,12 @@
 //! Instances, materials, textures and lights as records of words of four; `shaders/scene_data.wesl` reads them.
 
+use std::mem::offset_of;
+
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, Vec4};
 
 use super::{atlas::Atlas, vertices::MeshPlace};
-use crate::{Alpha, Filter, Light, LightKind, Material, Scene, TextureRef, Wrap};
+use crate::{Aabb, Alpha, Filter, Light, LightKind, Material, Scene, TextureRef, Wrap};
 
 type Word = [u32; 4];
 
@@ -37,6 +39,20 @@ pub(super) struct SceneInfo {
     material_count: u32,
     bounds_max: [f32; 3],
     padding: u32,
+}
+
+/// What moves of the uniform `scene_info`.
+pub(super) fn bounds_records(bounds: &Aabb) -> [(u64, [f32; 3]); 2] {
+    [
+        (
+            offset_of!(SceneInfo, bounds_min) as u64,
+            bounds.min.to_array(),
+        ),
+        (
+            offset_of!(SceneInfo, bounds_max) as u64,
+            bounds.max.to_array(),
+        ),
+    ]
 }
 
 impl Tables {
