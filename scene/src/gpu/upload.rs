@@ -66,24 +66,13 @@ impl GpuScene {
     /// [`Error::GpuLimit`] when a part is larger than the device's textures can be, [`Error::Gpu`] when memory is out or
     /// the device fails.
     pub fn new(context: &Context, scene: &Scene) -> Result<Self> {
-        let [vertex_bytes, triangle_bytes] = Geometry::bytes(scene);
-        let sizes = [
-            ("the scene's vertices", vertex_bytes),
-            ("the scene's triangles", triangle_bytes),
-        ];
-        Placement::of(context, &sizes)?;
-        let limits = context.device().limits();
-        let atlas = Atlas::pack(&scene.textures, &limits, || {
-            context.device().adapter_info().name
-        })?;
-        let environment = environment(context, &scene.environment, &limits)?;
-        let geometry = Geometry::new(scene);
-        let tables = Tables::new(scene, &geometry.places, &atlas);
-        let table_bytes = size_of_val(&tables.words[..]) as u64;
-        let [vertices, triangles] = sizes;
-        let sizes = [vertices, triangles, ("the scene's tables", table_bytes)];
-        let placement = Placement::of(context, &sizes)?;
-
+        let Packed {
+            atlas,
+            environment,
+            geometry,
+            tables,
+            placement,
+        } = Packed::new(context, scene)?;
         let words = |label, words: &[[u32; 4]]| {
             Words::new(context, placement, label, bytemuck::cast_slice(words))
         };
@@ -265,6 +254,40 @@ impl GpuScene {
                 texture(4, wgpu::TextureViewDimension::D2Array),
                 texture(5, wgpu::TextureViewDimension::D2),
             ],
+        })
+    }
+}
+
+/// A scene as it will be uploaded, which the device has room for.
+struct Packed {
+    atlas: Atlas,
+    environment: EnvironmentTexels,
+    geometry: Geometry,
+    tables: Tables,
+    placement: Placement,
+}
+
+impl Packed {
+    fn new(context: &Context, scene: &Scene) -> Result<Self> {
+        let [vertex_bytes, triangle_bytes] = Geometry::bytes(scene);
+        let vertices = ("the scene's vertices", vertex_bytes);
+        let triangles = ("the scene's triangles", triangle_bytes);
+        Placement::of(context, &[vertices, triangles])?;
+        let limits = context.device().limits();
+        let atlas = Atlas::pack(&scene.textures, &limits, || {
+            context.device().adapter_info().name
+        })?;
+        let environment = environment(context, &scene.environment, &limits)?;
+        let geometry = Geometry::new(scene);
+        let tables = Tables::new(scene, &geometry.places, &atlas);
+        let table_bytes = size_of_val(&tables.words[..]) as u64;
+        let rest = ("the scene's tables", table_bytes);
+        Ok(Self {
+            placement: Placement::of(context, &[vertices, triangles, rest])?,
+            atlas,
+            environment,
+            geometry,
+            tables,
         })
     }
 }

@@ -4,7 +4,7 @@
 //! WebGPU promises 8 storage buffers a stage, and bindings of 128 MiB. Spread over several buffers, a table would take
 //! bindings that techniques need. A texture is one binding and holds 1 GiB where WebGPU's promises are all there is.
 //! The shader modules read either by the same functions, between which a flag of the linker chooses; tables that fit are
-//! read as if there were no other way.
+//! read as if there were no other way. On Mesa's llvmpipe rays through a tree in textures take about 1.6 times as long.
 
 use super::Context;
 use crate::Result;
