@@ -5,6 +5,26 @@
 //! 3. `record` adds its passes to the caller's [`CommandEncoder`](wgpu::CommandEncoder); nothing is submitted or read
 //!    back.
 //!
+//! ```no_run
+//! use isophote_filters::{EdgeStop, JointBilateral, Neighborhood, Pinhole, Result, gpu};
+//! use isophote_scene::gpu::Context;
+//! use wgpu::TextureView;
+//!
+//! /// Light at every fourth pixel of a picture of 1920×1080, upsampled.
+//! fn upsample(context: &Context, samples: &TextureView, normals: &TextureView, depths: &TextureView) -> Result<wgpu::Texture> {
+//!     let size = [1920, 1080];
+//!     let filter = JointBilateral::new(4, Neighborhood::default(), EdgeStop::default())?;
+//!     let twin = gpu::JointBilateral::new(context, &filter, gpu::Format::Half)?;
+//!     let guides = gpu::Guides::new(context, size, &Pinhole::at_origin(1.0)?)?;
+//!     let light = gpu::texture(context, "light", size, gpu::Format::Half.texture())?;
+//!     let mut encoder = context.device().create_command_encoder(&Default::default());
+//!     guides.record(context, &mut encoder, normals, depths)?;
+//!     twin.record(context, &mut encoder, samples, &guides, &light.create_view(&Default::default()))?;
+//!     context.submit("upsampling", encoder)?;
+//!     Ok(light)
+//! }
+//! ```
+//!
 //! Inputs may be of any format that `textureLoad` reads as floats (`Rgba16Float`, `Rgba32Float`, `R32Float`, …) and
 //! need the usage `TEXTURE_BINDING`. Outputs are of one of two formats, see [`Format`], and need `STORAGE_BINDING`;
 //! [`texture`] makes one. Pictures have four channels here. The devices need nothing beyond WebGPU's defaults.
