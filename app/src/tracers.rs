@@ -144,11 +144,11 @@ pub(crate) struct TracerArgs {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum BvhLevels {
-    /// Two where flat would hold over a million triangles and four times as many as the meshes have
+    /// Two where flat would hold over 200,000 triangles and four times as many as the meshes have
     Auto,
-    /// One tree over the triangles of all instances: the fastest to trace
+    /// One tree over the triangles of all instances: faster where meshes are placed once
     Flat,
-    /// A tree for each mesh and one over the instances: needs little memory for meshes that are placed often
+    /// A tree for each mesh and one over the instances: little memory where meshes are placed often
     Two,
 }
 

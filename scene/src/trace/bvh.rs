@@ -43,21 +43,23 @@ pub struct BvhOptions {
 /// How a [`BvhTracer`] holds instances.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Levels {
-    /// [`Two`](Self::Two) where [`Flat`](Self::Flat) would hold more than a million triangles and at least four times
-    /// as many as the meshes of the selected instances have; otherwise `Flat`.
+    /// [`Two`](Self::Two) where [`Flat`](Self::Flat) would hold more than 200,000 triangles (some 20 MB) and at least four
+    /// times as many as the meshes of the selected instances have; otherwise `Flat`.
     #[default]
     Auto,
-    /// One tree over the triangles of all instances: the fastest to trace.
+    /// One tree over the triangles of all instances: faster to trace where meshes are placed once, as a ray need not be
+    /// taken to each instance that it may hit.
     Flat,
     /// A tree for each mesh and one over the instances: every mesh is held once, however often it is placed, and
-    /// [`update`](BuildTracer::update) rebuilds only the tree over the instances. Only an instance whose transform
-    /// cannot be undone, or only just, has its triangles held on its own.
+    /// [`update`](BuildTracer::update) rebuilds only the tree over the instances. Where flattening would take much memory
+    /// this is also faster to trace. Only an instance whose transform cannot be undone, or only just, has its
+    /// triangles held on its own.
     Two,
 }
 
 impl Levels {
     fn are_two(self, scene: &Scene, selection: &Selection) -> bool {
-        const FEW: usize = 1_000_000;
+        const FEW: usize = 200_000;
         let (mut placed, mut held) = (0_usize, 0);
         let mut is_held = vec![false; scene.meshes.len()];
         for instance in &scene.instances {

@@ -411,5 +411,5 @@ fn a_mesh_is_held_once() {
         let scene = scene(vec![(soup(&corners), places(count).collect())]);
         Levels::Auto.are_two(&scene, &Selection::default())
     };
-    assert!(!is_two(400) && is_two(401));
+    assert!(!is_two(80) && is_two(81));
 }
