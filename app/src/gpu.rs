@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::Result;
+use isophote_ldi::gpu::LdiGpuTracer;
 use isophote_scene::{
     Scene, Selection,
     gpu::{
@@ -11,7 +12,7 @@ use isophote_scene::{
     },
 };
 
-use crate::tracers::GpuTracerChoice;
+use crate::tracers::{GpuTracerChoice, TracerArgs};
 
 /// A scene and a tracer on a GPU.
 pub(crate) struct Gpu {
@@ -33,13 +34,14 @@ impl Gpu {
     /// Opens an adapter, by a part of its name or the fastest there is, and builds the tracer on it.
     pub(crate) fn build(
         choice: GpuTracerChoice,
+        args: TracerArgs,
         adapter: Option<&str>,
         scene: &Arc<Scene>,
         selection: &Selection,
     ) -> Result<Self> {
         let adapter = adapter.map_or(AdapterChoice::Any, |name| AdapterChoice::Named(name.into()));
         let context = Context::open(&adapter)?;
-        let (tracer, bytes) = build(choice, &context, scene, selection)?;
+        let (tracer, bytes) = build(choice, args, &context, scene, selection)?;
         Ok(Self {
             scene: GpuScene::new(&context, scene)?,
             context,
@@ -59,14 +61,18 @@ impl Gpu {
 /// A tracer, and the bytes its own structures hold.
 pub(crate) fn build(
     choice: GpuTracerChoice,
+    args: TracerArgs,
     context: &Context,
     scene: &Arc<Scene>,
     selection: &Selection,
 ) -> Result<(Box<dyn GpuTracer>, u64)> {
     match choice {
-        GpuTracerChoice::ComputeBvh => boxed::<ComputeBvhTracer>(context, scene, selection),
-        GpuTracerChoice::RayQuery => boxed::<RayQueryTracer>(context, scene, selection),
-        GpuTracerChoice::Boxes => boxed::<RayQueryBoxTracer>(context, scene, selection),
+        GpuTracerChoice::ComputeBvh => boxed::<ComputeBvhTracer>(context, scene, selection, &()),
+        GpuTracerChoice::RayQuery => boxed::<RayQueryTracer>(context, scene, selection, &()),
+        GpuTracerChoice::Boxes => boxed::<RayQueryBoxTracer>(context, scene, selection, &()),
+        GpuTracerChoice::Ldi => {
+            boxed::<LdiGpuTracer>(context, scene, selection, &args.ldi.params())
+        }
     }
 }
 
@@ -74,8 +80,9 @@ fn boxed<T: BuildGpuTracer + 'static>(
     context: &Context,
     scene: &Arc<Scene>,
     selection: &Selection,
+    options: &T::Options,
 ) -> Result<(Box<dyn GpuTracer>, u64)> {
-    let tracer = T::build(context, scene, selection, &T::Options::default())?;
+    let tracer = T::build(context, scene, selection, options)?;
     let bytes = tracer.bytes();
     Ok((Box::new(tracer), bytes))
 }

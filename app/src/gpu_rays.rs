@@ -5,7 +5,11 @@ use std::sync::Arc;
 use anyhow::Result;
 use isophote_scene::{Hit, Ray, Scene, Selection, gpu::RayBatch};
 
-use crate::{gpu::Gpu, output::timed, tracers::GpuTracerChoice};
+use crate::{
+    gpu::Gpu,
+    output::timed,
+    tracers::{GpuTracerChoice, TracerArgs},
+};
 
 /// A scene and a tracer on a GPU, ready for rays.
 pub(crate) struct GpuRays {
@@ -26,11 +30,12 @@ impl GpuRays {
     /// As [`Gpu::build`].
     pub(crate) fn build(
         choice: GpuTracerChoice,
+        args: TracerArgs,
         adapter: Option<&str>,
         scene: &Arc<Scene>,
         selection: &Selection,
     ) -> Result<Self> {
-        let gpu = Gpu::build(choice, adapter, scene, selection)?;
+        let gpu = Gpu::build(choice, args, adapter, scene, selection)?;
         let mut rays = Self {
             batch: RayBatch::new(&gpu.context, &gpu.scene, &*gpu.tracer)?,
             gpu,

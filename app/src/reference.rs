@@ -74,13 +74,14 @@ impl Ground {
             }),
             #[cfg(feature = "gpu")]
             Choice::Gpu(choice) => {
-                let gpu = Gpu::build(choice, adapter, scene, selection)?;
-                let exact = if gpu.tracer.answers() < Answers::Surface {
-                    let bvh = GpuTracerChoice::ComputeBvh;
-                    Some(build(bvh, &gpu.context, scene, selection)?.0)
-                } else {
-                    None
-                };
+                let gpu = Gpu::build(choice, args, adapter, scene, selection)?;
+                let exact =
+                    if choice == GpuTracerChoice::Ldi || gpu.tracer.answers() < Answers::Surface {
+                        let bvh = GpuTracerChoice::ComputeBvh;
+                        Some(build(bvh, args, &gpu.context, scene, selection)?.0)
+                    } else {
+                        None
+                    };
                 Ok(Self::Gpu {
                     gpu: Box::new(gpu),
                     exact,

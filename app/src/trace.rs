@@ -239,7 +239,7 @@ impl Built {
                 .map(Self::Cpu),
             #[cfg(feature = "gpu")]
             Choice::Gpu(choice) => {
-                let rays = GpuRays::build(choice, adapter, scene, selection)?;
+                let rays = GpuRays::build(choice, args.tracer_args, adapter, scene, selection)?;
                 Ok(Self::Gpu(Box::new(rays)))
             }
             #[cfg(not(feature = "gpu"))]

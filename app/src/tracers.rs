@@ -31,7 +31,7 @@ pub(crate) enum AnyTracer {
     Bvh,
     /// CPU: exact, by testing every triangle: slow, for checking
     BruteForce,
-    /// CPU: layered depth images: see --ldi-layers
+    /// CPU or GPU: layered depth images: see --ldi-layers
     Ldi,
     /// GPU: exact, by a bounding volume hierarchy
     ComputeBvh,
@@ -57,10 +57,12 @@ pub(crate) enum Choice {
 }
 
 impl AnyTracer {
-    fn choice(self) -> Choice {
+    /// Of those that run anywhere, the one that is asked for.
+    fn choice(self, on_gpu: bool) -> Choice {
         match self {
             Self::Bvh => Choice::Cpu(TracerChoice::Bvh),
             Self::BruteForce => Choice::Cpu(TracerChoice::BruteForce),
+            Self::Ldi if on_gpu => Choice::Gpu(GpuTracerChoice::Ldi),
             Self::Ldi => Choice::Cpu(TracerChoice::Ldi),
             Self::ComputeBvh => Choice::Gpu(GpuTracerChoice::ComputeBvh),
             Self::RayQuery => Choice::Gpu(GpuTracerChoice::RayQuery),
@@ -77,7 +79,11 @@ impl AnyTracer {
 impl Choice {
     /// As on the command line.
     pub(crate) fn name(self) -> String {
-        let of = |one: &&AnyTracer| one.choice() == self;
+        let of = |one: &&AnyTracer| {
+            [false, true]
+                .map(|on_gpu| one.choice(on_gpu))
+                .contains(&self)
+        };
         AnyTracer::value_variants()
             .iter()
             .find(of)
@@ -92,7 +98,7 @@ pub(crate) fn choose(
     adapter: Option<&str>,
 ) -> Result<Choice> {
     let choice = match (tracer, device) {
-        (Some(tracer), _) => tracer.choice(),
+        (Some(tracer), _) => tracer.choice(device == Device::Gpu || adapter.is_some()),
         (None, Device::Gpu) => Choice::Gpu(GpuTracerChoice::ComputeBvh),
         (None, Device::Auto) if adapter.is_some() || has_hardware() => {
             Choice::Gpu(GpuTracerChoice::ComputeBvh)
@@ -130,6 +136,7 @@ pub(crate) enum GpuTracerChoice {
     ComputeBvh,
     RayQuery,
     Boxes,
+    Ldi,
 }
 
 /// What can be chosen of a tracer.
@@ -139,7 +146,7 @@ pub(crate) struct TracerArgs {
     #[arg(long, value_enum, value_name = "LEVELS", default_value = "auto")]
     bvh_levels: BvhLevels,
     #[command(flatten)]
-    ldi: LdiArgs,
+    pub(crate) ldi: LdiArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -176,7 +183,7 @@ impl TracerArgs {
 
 /// How the maps of the tracer `ldi` are made.
 #[derive(Args, Clone, Copy, Debug)]
-struct LdiArgs {
+pub(crate) struct LdiArgs {
     /// Directions of the tracer ldi: 6 K² of them [K]
     #[arg(long, value_name = "K", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=64))]
     ldi_cells: u32,
@@ -200,7 +207,7 @@ enum Layers {
 }
 
 impl LdiArgs {
-    fn params(&self) -> LdiParams {
+    pub(crate) fn params(&self) -> LdiParams {
         LdiParams {
             cells: self.ldi_cells,
             resolution: self.ldi_resolution,

@@ -4,6 +4,8 @@ pub mod cpu;
 mod directions;
 mod error;
 mod fallback;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod params;
 
 pub use self::{

@@ -65,6 +65,7 @@ pub use self::{
     tracer::{
         BuildGpuTracer, GpuTracer,
         batch::RayBatch,
+        binding::{TracerBinding, TracerTable},
         compute_bvh::ComputeBvhTracer,
         ray_query::{RayQueryBoxTracer, RayQueryTracer, check_ray_query},
     },

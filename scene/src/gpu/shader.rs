@@ -45,6 +45,7 @@ pub const SHADERS: ShaderPackage = shader_package!(
         "tracer/compute_bvh",
         "tracer/ray_query",
         "tracer/ray_query_boxes",
+        "triangle",
         "view",
         "words"
     ]

@@ -5,7 +5,7 @@
 //! [`RayBatch`](super::RayBatch) asks about rays in bulk.
 
 pub(crate) mod batch;
-mod binding;
+pub(crate) mod binding;
 pub(crate) mod compute_bvh;
 pub(crate) mod ray_query;
 

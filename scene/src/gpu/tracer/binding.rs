@@ -1,4 +1,4 @@
-//! What this crate's tracers bind: tables, and before them an acceleration structure if there is one.
+//! What tracers bind: tables, and before them an acceleration structure if there is one.
 
 use crate::{
     Result,
@@ -8,9 +8,13 @@ use crate::{
     },
 };
 
-/// Bind group 1 of a tracer.
+/// Bind group 1 of a tracer: tables that its module reads in words of four, in buffers or, where one is too large for
+/// that, in textures.
+///
+/// The module declares a table both ways and chooses by the flag `tracer_in_textures`, as
+/// `shaders/tracer/compute_bvh.wesl` does.
 #[derive(Debug)]
-pub(crate) struct Binding {
+pub struct TracerBinding {
     label: &'static str,
     placement: Placement,
     layout: wgpu::BindGroupLayout,
@@ -19,19 +23,19 @@ pub(crate) struct Binding {
 }
 
 /// A table's name and contents, a multiple of 16 bytes.
-pub(crate) type Table<'a> = (&'static str, &'a [u8]);
+pub type TracerTable<'a> = (&'static str, &'a [u8]);
 
-impl Binding {
+impl TracerBinding {
     /// Uploads the tables.
     ///
     /// # Errors
     /// [`Error::GpuLimit`](crate::Error::GpuLimit) when one is too large for the device,
     /// [`Error::Gpu`](crate::Error::Gpu) when it fails.
-    pub(crate) fn new(
+    pub fn new(
         context: &Context,
         label: &'static str,
         structure: Option<&wgpu::Tlas>,
-        tables: &[Table<'_>],
+        tables: &[TracerTable<'_>],
     ) -> Result<Self> {
         let sizes: Vec<_> = tables
             .iter()
@@ -70,11 +74,11 @@ impl Binding {
     ///
     /// # Errors
     /// As [`new`](Self::new).
-    pub(crate) fn replace(
+    pub fn replace(
         &mut self,
         context: &Context,
         structure: Option<&wgpu::Tlas>,
-        tables: &[Table<'_>],
+        tables: &[TracerTable<'_>],
     ) -> Result<()> {
         (self.group, self.bytes) = fill(
             context,
@@ -88,23 +92,25 @@ impl Binding {
     }
 
     /// What [`GpuTracer::shader_flags`](super::GpuTracer::shader_flags) returns.
-    pub(crate) fn shader_flags(&self) -> &'static [&'static str] {
+    pub fn shader_flags(&self) -> &'static [&'static str] {
         match self.placement {
             Placement::Buffers => &[],
             Placement::Textures => &["tracer_in_textures"],
         }
     }
 
-    pub(crate) fn layout(&self) -> &wgpu::BindGroupLayout {
+    /// What [`GpuTracer::bind_group_layout`](super::GpuTracer::bind_group_layout) returns.
+    pub fn layout(&self) -> &wgpu::BindGroupLayout {
         &self.layout
     }
 
-    pub(crate) fn group(&self) -> &wgpu::BindGroup {
+    /// What [`GpuTracer::bind_group`](super::GpuTracer::bind_group) returns.
+    pub fn group(&self) -> &wgpu::BindGroup {
         &self.group
     }
 
     /// Bytes of the tables.
-    pub(crate) fn bytes(&self) -> u64 {
+    pub fn bytes(&self) -> u64 {
         self.bytes
     }
 }
@@ -115,7 +121,7 @@ fn fill(
     placement: Placement,
     layout: &wgpu::BindGroupLayout,
     structure: Option<&wgpu::Tlas>,
-    tables: &[Table<'_>],
+    tables: &[TracerTable<'_>],
 ) -> Result<(wgpu::BindGroup, u64)> {
     let tables = tables
         .iter()

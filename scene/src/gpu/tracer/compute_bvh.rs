@@ -12,7 +12,7 @@ use glam::Affine3A;
 use self::encode::{Encoded, MAX_DEPTH, Words};
 use super::{
     BuildGpuTracer, GpuTracer,
-    binding::{Binding, Table},
+    binding::{TracerBinding, TracerTable},
 };
 use crate::{
     Aabb, Answers, Error, Result, Scene, Selection,
@@ -31,7 +31,7 @@ use crate::{
 pub struct ComputeBvhTracer {
     scene: Arc<Scene>,
     selection: Selection,
-    binding: Binding,
+    binding: TracerBinding,
 }
 
 impl GpuTracer for ComputeBvhTracer {
@@ -71,7 +71,7 @@ impl BuildGpuTracer for ComputeBvhTracer {
     ) -> Result<Self> {
         let tree = Tree::new(scene, selection, &scene.transforms())?;
         Ok(Self {
-            binding: Binding::new(context, "compute BVH", None, &tree.tables())?,
+            binding: TracerBinding::new(context, "compute BVH", None, &tree.tables())?,
             scene: scene.clone(),
             selection: *selection,
         })
@@ -111,7 +111,7 @@ impl Tree {
         Ok(Self { nodes, faces })
     }
 
-    fn tables(&self) -> [Table<'_>; 2] {
+    fn tables(&self) -> [TracerTable<'_>; 2] {
         [
             ("the tree's nodes", bytemuck::cast_slice(&self.nodes)),
             ("the tree's triangles", bytemuck::cast_slice(&self.faces)),

@@ -15,7 +15,7 @@ use glam::Affine3A;
 
 pub use self::{boxes::RayQueryBoxTracer, self_test::check_ray_query};
 use self::{geometry::Geometry, structures::Structures};
-use super::{BuildGpuTracer, GpuTracer, binding::Binding};
+use super::{BuildGpuTracer, GpuTracer, binding::TracerBinding};
 use crate::{
     Answers, Result, Scene, Selection, gpu::Context, trace::brute_force::check_transforms,
 };
@@ -27,7 +27,7 @@ pub struct RayQueryTracer {
     scene: Arc<Scene>,
     selection: Selection,
     structures: Structures,
-    binding: Binding,
+    binding: TracerBinding,
 }
 
 impl GpuTracer for RayQueryTracer {
@@ -108,7 +108,7 @@ impl RayQueryTracer {
         let primitives = geometry.primitive_table();
         let tables = [(PRIMITIVES, bytemuck::cast_slice(&primitives))];
         Ok(Self {
-            binding: Binding::new(context, "ray query", Some(structures.top()), &tables)?,
+            binding: TracerBinding::new(context, "ray query", Some(structures.top()), &tables)?,
             scene: scene.clone(),
             selection: *selection,
             structures,

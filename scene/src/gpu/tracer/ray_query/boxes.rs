@@ -7,7 +7,7 @@ use glam::{Affine3A, Vec4};
 use super::{check_ray_query, geometry::MortonCodes, structures::Structures};
 use crate::{
     Aabb, Answers, Error, Result, Scene, Selection,
-    gpu::{BuildGpuTracer, Context, GpuTracer, tracer::binding::Binding},
+    gpu::{BuildGpuTracer, Context, GpuTracer, tracer::binding::TracerBinding},
     trace::brute_force::{check_transforms, world_triangles},
 };
 
@@ -19,7 +19,7 @@ use crate::{
 pub struct RayQueryBoxTracer {
     scene: Arc<Scene>,
     selection: Selection,
-    binding: Binding,
+    binding: TracerBinding,
 }
 
 impl GpuTracer for RayQueryBoxTracer {
@@ -68,7 +68,7 @@ impl BuildGpuTracer for RayQueryBoxTracer {
         let tables = [(CORNERS, bytemuck::cast_slice(&corners))];
         let label = "ray query over boxes";
         Ok(Self {
-            binding: Binding::new(context, label, Some(structures.top()), &tables)?,
+            binding: TracerBinding::new(context, label, Some(structures.top()), &tables)?,
             scene: scene.clone(),
             selection: *selection,
         })

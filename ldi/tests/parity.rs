@@ -1,0 +1,106 @@
+//! The GPU's answers beside the CPU's.
+#![cfg(feature = "gpu")]
+#![expect(clippy::unwrap_used, reason = "tests may")]
+
+use std::sync::Arc;
+
+use isophote_ldi::{Coverage, LdiParams, LdiTracer, gpu::LdiGpuTracer};
+use isophote_scene::{
+    BuildTracer, Hit, Ray, Scene, Selection, Tracer, builtin,
+    gpu::{Context, GpuScene, RayBatch},
+    testing::{RayKind, rays},
+};
+
+/// How the answers for some rays differ.
+#[derive(Debug, Default)]
+struct Differences {
+    rays: usize,
+    hits: usize,
+    /// One hits, the other does not; or any hit disagrees with closest hit.
+    confused: usize,
+    /// Distances differ by more than 10⁻⁴, and the places across the surface by more than 10⁻⁶ of the scene's size: the
+    /// last digits of corners move hits far along surfaces that rays graze.
+    far: usize,
+    /// Different triangles.
+    others: usize,
+}
+
+fn differences(
+    context: &Context,
+    scene: &Arc<Scene>,
+    params: &LdiParams,
+    count: usize,
+) -> Differences {
+    let selection = Selection::default();
+    let cpu = LdiTracer::build(scene, &selection, params).unwrap();
+    let gpu = LdiGpuTracer::from_maps(context, scene, &selection, params, cpu.maps()).unwrap();
+    let gpu_scene = GpuScene::new(context, scene).unwrap();
+    let mut batch = RayBatch::new(context, &gpu_scene, &gpu).unwrap();
+    let rays: Vec<Ray> = RayKind::ALL
+        .into_iter()
+        // Exactly at edges either side is right.
+        .filter(|kind| *kind != RayKind::Edge)
+        .flat_map(|kind| rays(scene, kind, count, 5))
+        .collect();
+    let mut answers: Vec<Option<Hit>> = vec![None; rays.len()];
+    batch
+        .closest_hits(context, &gpu_scene, &gpu, &rays, &mut answers)
+        .unwrap();
+    let mut any = vec![false; rays.len()];
+    batch
+        .any_hits(context, &gpu_scene, &gpu, &rays, &mut any)
+        .unwrap();
+    let diagonal = scene.bounds().diagonal();
+    let mut found = Differences {
+        rays: rays.len(),
+        ..Differences::default()
+    };
+    for ((ray, answer), any) in rays.iter().zip(answers).zip(any) {
+        let expected = cpu.closest_hit(ray);
+        found.confused += usize::from(answer.is_some() != any);
+        match (expected, answer) {
+            (Some(a), Some(b)) => {
+                found.hits += 1;
+                let error = (a.t - b.t).abs();
+                let across = error * scene.surface_point(&a).geometric_normal.dot(ray.direction);
+                found.far += usize::from(error > 1e-4 * a.t && across.abs() > 1e-6 * diagonal);
+                found.others += usize::from(a.surface != b.surface);
+            }
+            (None, None) => {}
+            _ => found.confused += 1,
+        }
+    }
+    println!("{params:?}: {found:?}");
+    found
+}
+
+#[test]
+fn the_gpu_finds_what_the_cpu_finds() {
+    let Some(context) = Context::for_tests() else {
+        return;
+    };
+    // Exact answers may differ where a ray grazes an edge. Planes within pixels are cut off at the pixels' sides,
+    // which a ray may pass on the one side by the CPU's rounding and on the other by the GPU's.
+    for (coverage, allowed) in [(Coverage::Touched, 1e-4), (Coverage::Center, 2e-3)] {
+        for (name, cells, resolution, count) in [
+            ("cornell", 4, 128, 4000),
+            ("office", 3, 64, 2000),
+            ("office", 2, 300, 2000),
+        ] {
+            let scene = Arc::new(builtin::build(&format!("builtin:{name}")).unwrap());
+            let params = LdiParams {
+                cells,
+                resolution,
+                coverage,
+                ..LdiParams::default()
+            };
+            let found = differences(&context, &scene, &params, count);
+            assert!(found.hits > found.rays / 4, "{name}: {found:?}");
+            let most = (allowed * found.rays as f64) as usize;
+            assert!(
+                found.confused <= most && found.far <= most && found.others <= 10 * most,
+                "{name} {params:?}: {found:?}, allowed {most}"
+            );
+        }
+    }
+}
