@@ -66,7 +66,10 @@ struct Lab {
 
 impl Lab {
     fn new(features: wgpu::Features) -> Option<Self> {
-        let context = Context::for_tests_of(features)?;
+        Self::on(Context::for_tests_of(features)?)
+    }
+
+    fn on(context: Context) -> Option<Self> {
         let integrator = gpu::Integrator::new(&context).unwrap();
         Some(Self {
             context,
@@ -207,6 +210,24 @@ fn a_gpu_takes_the_same_samples() {
         ..plain
     };
     lab.check::<Bvh>("office", build("builtin:office"), &quantities, &flat);
+}
+
+/// Sums that are too large to be bound in one piece are worked on in bands.
+#[test]
+fn small_bindings_change_nothing() {
+    let none = wgpu::Features::empty();
+    let Some(mut lab) = Context::for_tests_within(none, 1 << 15).and_then(Lab::on) else {
+        return;
+    };
+    // 96 bytes a pixel.
+    assert!(96 * SIZE[0] * SIZE[1] > 2 << 15);
+    let settings = Settings {
+        d_max: 0.3,
+        samples: 3,
+        ..Settings::default()
+    };
+    let scene = builtin::build("builtin:cornell").unwrap();
+    lab.check::<ComputeBvhTracer>("cornell in bands", scene, &[Quantity::Ao], &settings);
 }
 
 #[test]
