@@ -25,6 +25,9 @@ pub(crate) struct Arguments {
     /// The tracer to measure; bvh on the CPU and compute-bvh on a GPU unless given
     #[arg(long)]
     tracer: Option<String>,
+    /// How the tracer bvh holds instances: auto, flat or two
+    #[arg(long, value_parser = ["auto", "flat", "two"])]
+    bvh_levels: Option<String>,
     /// Where to trace: cpu or gpu
     #[arg(long, default_value = "cpu", value_parser = ["cpu", "gpu"])]
     device: String,
@@ -58,6 +61,7 @@ struct Report<'a> {
 #[derive(Serialize)]
 struct Settings<'a> {
     tracer: Option<&'a str>,
+    bvh_levels: Option<&'a str>,
     device: &'a str,
     adapter: Option<&'a str>,
     rays: u32,
@@ -126,6 +130,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         .collect::<Result<_>>()?;
     let settings = Settings {
         tracer: arguments.tracer.as_deref(),
+        bvh_levels: arguments.bvh_levels.as_deref(),
         device: &arguments.device,
         adapter: arguments.adapter.as_deref(),
         rays: arguments.count,
@@ -219,6 +224,7 @@ impl Bench<'_> {
         let mut choice = vec!["--device", self.arguments.device.as_str()];
         for (flag, value) in [
             ("--tracer", &self.arguments.tracer),
+            ("--bvh-levels", &self.arguments.bvh_levels),
             ("--adapter", &self.arguments.adapter),
         ] {
             choice.extend(value.iter().flat_map(|value| [flag, value.as_str()]));
