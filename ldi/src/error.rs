@@ -30,6 +30,9 @@ pub enum Error {
     /// The scene, or a file of it.
     #[error(transparent)]
     Scene(#[from] isophote_scene::Error),
+    /// The filter's parameters, or what it was given.
+    #[error("the filter: {0}")]
+    Filter(#[from] isophote_filters::Error),
     /// A file of maps could not be read.
     #[error("{}: {source}", path.display())]
     Io {
@@ -73,6 +76,11 @@ impl From<Error> for isophote_scene::Error {
                 name: "the memory of the maps",
                 value: format!("more than {limit} bytes"),
                 expected: remedy,
+            },
+            Error::Filter(error) => Self::Parameter {
+                name: "the filter",
+                value: error.to_string(),
+                expected: "its parameters must be in their ranges",
             },
             Error::Io { path, source } => Self::Io { path, source },
             Error::Damaged { path, reason } | Error::Foreign { path, reason } => {

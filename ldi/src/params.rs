@@ -1,4 +1,6 @@
-//! What can be chosen when maps are built.
+//! What can be chosen when maps are built and pictures made.
+
+use isophote_scene::reference::Materials;
 
 use crate::{
     Error, Result,
@@ -42,7 +44,7 @@ impl Default for LdiParams {
             cells: 4,
             resolution: 128,
             coverage: Coverage::default(),
-            epsilon: 0.5,
+            epsilon: 0.6,
             max_bytes: 4 << 30,
         }
     }
@@ -95,5 +97,84 @@ impl LdiParams {
     pub(crate) fn pixels(&self) -> u64 {
         let side = self.resolution.next_multiple_of(TILE);
         3 * u64::from(self.cells).pow(2) * u64::from(side).pow(2)
+    }
+}
+
+/// How a picture is made; the defaults are the paper's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HybridParams {
+    /// Samples a pixel, 1 or 4; what meets the same triangle is shaded once (§4).
+    pub samples: u32,
+    /// Diffuse secondary rays a pixel, 1 to 65,536 (§7: 8).
+    pub diffuse_rays: u32,
+    /// Glossy secondary rays a pixel, 1 to 65,536 (§7: 16). Mirrors take one.
+    pub glossy_rays: u32,
+    /// Shadow rays a pixel towards the lights, 1 to 65,536 (§7: 16 for area lights).
+    pub light_rays: u32,
+    /// Width of the Gaussian, pixels, odd (§7: 11); 1 does not filter.
+    pub filter_width: u32,
+    /// Its standard deviation, pixels, 0.1 to 1000. The paper gives none.
+    pub filter_sigma: f32,
+    /// The mip level at which textures are read where secondary rays hit (§5); each further 1 halves the resolution.
+    pub texture_level: f32,
+    /// Which part of the materials counts.
+    pub materials: Materials,
+    /// Chooses the samples.
+    pub seed: u64,
+}
+
+impl Default for HybridParams {
+    fn default() -> Self {
+        Self {
+            samples: 1,
+            diffuse_rays: 8,
+            glossy_rays: 16,
+            light_rays: 16,
+            filter_width: 11,
+            filter_sigma: 2.0,
+            texture_level: 3.0,
+            materials: Materials::default(),
+            seed: 0,
+        }
+    }
+}
+
+impl HybridParams {
+    /// An error unless every parameter is in its range. The Gaussian's are checked by the filter.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`].
+    pub fn check(&self) -> Result<()> {
+        let wrong = |name, value: String, expected| {
+            Err(Error::Parameter {
+                name,
+                value,
+                expected,
+            })
+        };
+        if ![1, 4].contains(&self.samples) {
+            return wrong(
+                "the number of samples a pixel",
+                self.samples.to_string(),
+                "it must be 1 or 4",
+            );
+        }
+        for rays in [self.diffuse_rays, self.glossy_rays, self.light_rays] {
+            if !(1..=1 << 16).contains(&rays) {
+                return wrong(
+                    "a number of rays a pixel",
+                    rays.to_string(),
+                    "it must be 1 to 65536",
+                );
+            }
+        }
+        if !(0.0..=32.0).contains(&self.texture_level) {
+            return wrong(
+                "the mip level of textures",
+                self.texture_level.to_string(),
+                "it must be 0 to 32",
+            );
+        }
+        Ok(())
     }
 }

@@ -1,0 +1,112 @@
+//! Stage 1, the G-buffer: what the camera sees, one shading per primitive and pixel.
+//!
+//! With several samples a pixel those that meet the same triangle are one fragment, which is shaded once, at the first
+//! of them, and weighted with how many there are: anti-aliasing as graphics hardware does it (§4).
+
+use glam::{UVec2, Vec2, Vec3};
+use isophote_scene::{Camera, Scene, SurfaceMaterial, SurfacePoint, Tracer, reference::Materials};
+use rayon::prelude::*;
+
+/// A primitive in a pixel.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Fragment {
+    pub(super) pixel: u32,
+    /// The share of the pixel's samples.
+    pub(super) weight: f32,
+    pub(super) point: SurfacePoint,
+    /// Unit, towards the viewer.
+    pub(super) view: Vec3,
+    pub(super) material: SurfaceMaterial,
+    /// Albedo of its diffuse part.
+    pub(super) diffuse: Vec3,
+}
+
+/// What the camera sees, in the order of pixels.
+#[derive(Clone, Debug)]
+pub(super) struct Fragments {
+    pub(super) all: Vec<Fragment>,
+    pixels: usize,
+}
+
+/// Places of samples in a pixel: the rotated grid of four.
+const ROTATED: [Vec2; 4] = [
+    Vec2::new(0.375, 0.125),
+    Vec2::new(0.875, 0.375),
+    Vec2::new(0.125, 0.625),
+    Vec2::new(0.625, 0.875),
+];
+
+impl Fragments {
+    /// With one sample in the middle of each pixel, or four.
+    pub(super) fn seen<T: Tracer + ?Sized>(
+        scene: &Scene,
+        tracer: &T,
+        camera: &Camera,
+        [width, height]: [u32; 2],
+        samples: u32,
+        materials: Materials,
+    ) -> Self {
+        let places: &[Vec2] = if samples == 1 {
+            &[Vec2::splat(0.5)]
+        } else {
+            &ROTATED
+        };
+        let pixels = width as usize * height as usize;
+        let of_pixel = |pixel: usize| {
+            let corner = UVec2::new(pixel as u32 % width, pixel as u32 / width).as_vec2();
+            let mut found: Vec<Fragment> = Vec::new();
+            for &place in places {
+                let ray = camera.ray(corner + place, width, height);
+                let Some(hit) = tracer.closest_hit(&ray) else {
+                    continue;
+                };
+                let weight = 1.0 / places.len() as f32;
+                let same = found
+                    .iter_mut()
+                    .find(|other| other.point.surface == hit.surface);
+                if let Some(same) = same {
+                    same.weight += weight;
+                    continue;
+                }
+                let point = scene.surface_point(&hit);
+                let material = material(scene, &point, materials);
+                found.push(Fragment {
+                    pixel: pixel as u32,
+                    weight,
+                    point,
+                    view: -ray.direction,
+                    diffuse: material.base_color * (1.0 - material.metallic),
+                    material,
+                });
+            }
+            found
+        };
+        let all = (0..pixels)
+            .into_par_iter()
+            .flat_map_iter(of_pixel)
+            .collect();
+        Self { all, pixels }
+    }
+
+    /// The weighted sum of the fragments' values in each pixel.
+    pub(super) fn over_pixels(&self, values: &[Vec3]) -> Vec<Vec3> {
+        let mut sums = vec![Vec3::ZERO; self.pixels];
+        for (fragment, &value) in self.all.iter().zip(values) {
+            sums[fragment.pixel as usize] += fragment.weight * value;
+        }
+        sums
+    }
+}
+
+/// What a surface is made of, as far as materials count.
+fn material(scene: &Scene, point: &SurfacePoint, materials: Materials) -> SurfaceMaterial {
+    let material = scene.surface_material(point);
+    match materials {
+        Materials::Pbr => material,
+        Materials::Lambert => SurfaceMaterial {
+            metallic: 0.0,
+            transmission: 0.0,
+            ..material
+        },
+    }
+}
