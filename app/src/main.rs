@@ -12,6 +12,7 @@ mod display;
 mod gpu;
 #[cfg(feature = "gpu")]
 mod gpu_rays;
+mod hybrid;
 mod info;
 mod metrics;
 mod npy;

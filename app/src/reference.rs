@@ -11,7 +11,7 @@ use isophote_scene::{
     gpu::{self, GpuTracer},
 };
 use isophote_scene::{
-    Camera, Scene, Selection,
+    Camera, Scene, Selection, Tracer,
     reference::{self, Progress, Quantity, Render, Settings, Tracers},
 };
 
@@ -94,6 +94,15 @@ impl Ground {
         }
     }
 
+    /// Who answers, where that is the CPU.
+    pub(crate) fn on_cpu(&self) -> Option<Tracers<'_, dyn Tracer, dyn Tracer>> {
+        match self {
+            Self::Cpu { built, exact } => Some(on_cpu(built, exact.as_ref())),
+            #[cfg(feature = "gpu")]
+            Self::Gpu { .. } => None,
+        }
+    }
+
     /// Held by the tracer's own structures.
     pub(crate) fn bytes(&self) -> usize {
         match self {
@@ -121,10 +130,7 @@ impl Ground {
     ) -> Result<Made> {
         match self {
             Self::Cpu { built, exact } => {
-                let tracers = Tracers {
-                    exact: &*exact.as_ref().unwrap_or(built).tracer,
-                    secondary: &*built.tracer,
-                };
+                let tracers = on_cpu(built, exact.as_ref());
                 let Order {
                     camera,
                     size,
@@ -145,6 +151,16 @@ impl Ground {
                 on_gpu(gpu, exact, scene, order, progress)
             }
         }
+    }
+}
+
+fn on_cpu<'a>(
+    built: &'a BuiltTracer,
+    exact: Option<&'a BuiltTracer>,
+) -> Tracers<'a, dyn Tracer, dyn Tracer> {
+    Tracers {
+        exact: &*exact.unwrap_or(built).tracer,
+        secondary: &*built.tracer,
     }
 }
 

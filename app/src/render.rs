@@ -12,6 +12,7 @@ use isophote_scene::{
 use serde::Serialize;
 
 use crate::{
+    hybrid,
     output::{
         PROGRAM, Program, Voice, has_suffix, memory_available_bytes, memory_peak_bytes, print_json,
         timed,
@@ -123,6 +124,9 @@ type Size = [u32; 2];
 enum Technique {
     /// Path tracing: the right answer, given enough samples
     Reference,
+    /// Layered depth images: direct light and one bounce of 8 diffuse and 16 glossy rays a pixel, filtered; on the CPU,
+    /// by the tracer ldi unless another is given. Rays do not depend on --spp
+    Ldi,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -175,7 +179,11 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
     let voice = Voice::new(args.quiet);
     check_settings(args)?;
     check_memory(args)?;
-    let choice = choose(args.device, args.tracer, args.adapter.as_deref())?;
+    let tracer = match args.technique {
+        Technique::Reference => args.tracer,
+        Technique::Ldi => args.tracer.or(Some(AnyTracer::Ldi)),
+    };
+    let choice = choose(args.device, tracer, args.adapter.as_deref())?;
     args.tracer_args.check(choice)?;
     settings.insert("tracer".into(), choice.name());
     let mut seconds = Seconds::default();
@@ -197,9 +205,7 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
         timed(|| Ground::build(choice, args.tracer_args, adapter, &scene, &selection));
     let ground = ground?;
     seconds.build = time;
-    let (made, time) = match args.technique {
-        Technique::Reference => timed(|| by_reference(args, &scene, &ground, &camera, voice)),
-    };
+    let (made, time) = timed(|| make(args, &scene, &ground, &camera, voice));
     let Made {
         render,
         gpu_seconds,
@@ -294,7 +300,7 @@ fn check_memory(args: &RenderArgs) -> Result<()> {
     Ok(())
 }
 
-fn by_reference(
+fn make(
     args: &RenderArgs,
     scene: &Scene,
     ground: &Ground,
@@ -327,7 +333,10 @@ fn by_reference(
         quantities: &args.quantity,
         settings: &settings,
     };
-    let made = ground.render(scene, order, &advance);
+    let made = match args.technique {
+        Technique::Reference => ground.render(scene, order, &advance),
+        Technique::Ldi => hybrid::render(scene, ground, order),
+    };
     bar.finish_and_clear();
     made
 }

@@ -220,10 +220,11 @@ pub enum Layers {
 impl Layers {
     /// Number of layers.
     pub fn count(&self) -> usize {
-        PADDING.abs_diff(match self {
+        let all = match self {
             Self::Narrow(layers) => layers.len(),
             Self::Wide(layers) => layers.len(),
-        })
+        };
+        all - PADDING
     }
 
     /// Bytes held.
