@@ -1,11 +1,11 @@
 //! The method on the CPU: the hybrid renderer (§4, §5), in the order of its stages.
 //!
 //! 0. [`build`]: the maps, once for a scene (§3.1); [`trace`]: the tracer over them (§3.2).
-//! 1. [`fragments`](self::Fragments): what the camera sees, one shading per primitive and pixel.
+//! 1. `fragments`: what the camera sees, one shading per primitive and pixel.
 //! 2. Direct light, with shadows by exact rays.
-//! 3. [`gather`]: diffuse secondary rays, a few a pixel, single bounce.
+//! 3. `gather`: diffuse secondary rays, a few a pixel, single bounce.
 //! 4. The two-pass Gaussian over the irradiance they find (`isophote-filters`).
-//! 5. [`gather`]: glossy and mirror rays.
+//! 5. `gather`: glossy and mirror rays.
 //! 6. Everything combined; each intermediate of the paper's Fig. 5 is a layer of the image.
 //!
 //! The maps are one tracer among others here: what must be sharp (the camera, the shadows) is asked of an exact
