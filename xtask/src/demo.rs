@@ -134,12 +134,20 @@ const CONVERGED: Technique = Technique {
 };
 
 /// Every technique there is.
-const TECHNIQUES: [Technique; 1] = [Technique {
-    title: "Reference, 4 samples",
-    id: "reference-4",
-    arguments: &["--technique", "reference", "--tracer", "bvh", "--spp", "4"],
-    quantities: &["ao", "direct", "indirect", "path"],
-}];
+const TECHNIQUES: [Technique; 2] = [
+    Technique {
+        title: "Reference, 4 samples",
+        id: "reference-4",
+        arguments: &["--technique", "reference", "--tracer", "bvh", "--spp", "4"],
+        quantities: &["ao", "direct", "indirect", "path"],
+    },
+    Technique {
+        title: "Layered depth images, 8 rays, filtered",
+        id: "ldi",
+        arguments: &["--technique", "ldi"],
+        quantities: &["indirect"],
+    },
+];
 
 /// How large and how good the pictures are.
 struct Quality {
