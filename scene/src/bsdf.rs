@@ -142,6 +142,10 @@ impl Bsdf {
             let normal = ggx_visible_normal(local, self.alpha, u);
             return self.smooth_sample(view, 2.0 * local.dot(normal) * normal - local);
         }
+        // Rounding may leave a little of `lobe` behind the last lobe there is.
+        if glass <= 0.0 {
+            return None;
+        }
         let choice = ((lobe - diffuse - metal) / glass).clamp(0.0, 1.0);
         Some(self.sample_dielectric(local, choice, glass))
     }

@@ -304,6 +304,10 @@ fn degenerate_rays_miss(tracer: &dyn Tracer, bounds: Aabb, violations: &mut Vec<
             ..inside
         },
         Ray {
+            t_min: -1.0,
+            ..inside
+        },
+        Ray {
             t_max: nan,
             ..inside
         },
@@ -316,7 +320,7 @@ fn degenerate_rays_miss(tracer: &dyn Tracer, bounds: Aabb, violations: &mut Vec<
             ..inside
         },
     ];
-    let mut batch = [true; 10];
+    let mut batch = [true; 11];
     tracer.any_hits(&degenerate, &mut batch);
     for (ray, batch) in degenerate.iter().zip(batch) {
         if tracer.closest_hit(ray).is_some() || tracer.any_hit(ray) || batch {

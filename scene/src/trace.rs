@@ -24,7 +24,7 @@ pub use self::{
 };
 use crate::{Aabb, InstanceMask, Result, Scene};
 
-/// A half-open piece of a line: points `origin + t · direction` with `t_min < t < t_max`.
+/// An open piece of a line: points `origin + t · direction` with `t_min < t < t_max`.
 ///
 /// `t` counts in lengths of `direction`, so for unit directions in metres.
 #[repr(C)]

@@ -4,8 +4,8 @@ use std::{f32::consts::PI, sync::Arc};
 
 use glam::{Affine3A, Quat, Vec2, Vec3};
 use isophote_scene::{
-    BruteForceTracer, BuildTracer, Camera, Environment, EnvironmentMap, Instance, Light, LightKind,
-    Material, Mesh, Receivers, Scene, Selection,
+    Alpha, BruteForceTracer, BuildTracer, Camera, Environment, EnvironmentMap, Instance, Light,
+    LightKind, Material, Mesh, Receivers, Scene, Selection,
     reference::{Materials, Quantity, Settings, Tracers, bake, render},
     unit_normal,
 };
@@ -195,6 +195,27 @@ fn parallel_squares() {
         PI * 3.0 * quadrant(2.0, 2.0),
         0.01,
     );
+}
+
+#[test]
+fn lamps_shine_only_where_their_mask_leaves_them() {
+    let irradiance = |alpha: f32| {
+        let mut lamp = glowing(0.0, 3.0);
+        lamp.base_color.w = alpha;
+        lamp.alpha = Alpha::Mask { cutoff: 0.5 };
+        let mut quads = Quads::default();
+        quads.square(1.0, 0.0, true, gray(0.5));
+        quads.square(1.0, 1.0, false, lamp);
+        let middle = Vec2::new(0.0, 0.5);
+        at(
+            &Arc::new(quads.scene),
+            middle,
+            &[Quantity::IrradianceDirect],
+            &settings(64),
+        )[0]
+    };
+    assert!(irradiance(0.75) > 1.0);
+    assert_eq!(irradiance(0.25), 0.0);
 }
 
 /// Irradiance in the middle of a square on the ground.

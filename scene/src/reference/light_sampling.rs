@@ -148,7 +148,12 @@ impl<'a> LightSampler<'a> {
             .partition_point(|emitter| emitter.cumulative <= choice)
             .min(last);
         let emitter = &self.emitters[at];
-        let target = self.scene.point_on(emitter.surface, uniform_triangle(u));
+        let uv = uniform_triangle(u);
+        // Where a mask cuts a lamp away it does not shine.
+        if !self.scene.alpha_passes(emitter.surface, uv) {
+            return None;
+        }
+        let target = self.scene.point_on(emitter.surface, uv);
         let direction = (target.position - point).try_normalize()?;
         let end = Some(target.lifted(-direction, 0.0));
         let pdf = self.emitter_pdf(emitter, &target, point, direction);

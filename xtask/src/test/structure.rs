@@ -22,7 +22,8 @@ const TECHNIQUES: [&str; 4] = [
 ];
 
 /// Tracers of `isophote-scene` that a technique must take as a `Tracer`, never by name.
-const CONCRETE_TRACERS: [&str; 4] = [
+const CONCRETE_TRACERS: [&str; 5] = [
+    "ComputeBvhTracer",
     "BvhTracer",
     "BruteForceTracer",
     "RayQueryTracer",
