@@ -25,7 +25,8 @@ pub const SHADERS: ShaderPackage = shader_package!("ldi", ["maps", "plane", "tra
 
 /// Answers rays from layered depth images, in shaders. Binds two storage buffers, or two textures.
 ///
-/// With [`Coverage::Touched`](crate::Coverage::Touched) its answers are those of the exact tracers on GPUs.
+/// With [`Coverage::Touched`](crate::Coverage::Touched) its answers are those of the exact tracers on GPUs, for rays
+/// that start in or near the scene: the walk is in 32 bits, where the CPU's is in 64.
 #[derive(Debug)]
 pub struct LdiGpuTracer {
     scene: Arc<Scene>,

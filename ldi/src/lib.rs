@@ -8,6 +8,8 @@
 //! 4. [`WithFallback`]: doubtful answers are asked of another tracer.
 //! 5. [`cpu`]: the hybrid renderer (§4, §5), over any two tracers.
 //!
+//! On GPUs (feature `gpu`, module `gpu`) maps built by stage 2 are walked in shaders; the other stages are on the CPU.
+//!
 //! # From the paper to the code
 //!
 //! | paper | code |
