@@ -7,13 +7,18 @@ use glam::Vec3;
 use isophote_ldi::{Hybrid, HybridParams, Stages};
 use isophote_scene::{
     Scene,
-    reference::{Estimate, Layers, Quantity, Render},
+    reference::{Estimate, Layers, Progress, Quantity, Render},
 };
 
 use crate::reference::{Ground, Made, Order};
 
 /// Renders a scene, which must be that of the tracer.
-pub(crate) fn render(scene: &Scene, ground: &Ground, order: Order<'_>) -> Result<Made> {
+pub(crate) fn render(
+    scene: &Scene,
+    ground: &Ground,
+    order: Order<'_>,
+    progress: &dyn Progress,
+) -> Result<Made> {
     let tracers = ground
         .on_cpu()
         .context("the technique ldi runs on the CPU: leave out --device gpu and --adapter")?;
@@ -29,7 +34,8 @@ pub(crate) fn render(scene: &Scene, ground: &Ground, order: Order<'_>) -> Result
             );
         }
     }
-    let stages = Hybrid::new(scene, tracers, &params)?.render(order.camera, order.size)?;
+    let hybrid = Hybrid::new(scene, tracers, &params)?;
+    let stages = hybrid.render(order.camera, order.size, progress)?;
     let estimate = |&quantity| Estimate {
         quantity,
         values: values(&stages, quantity),
@@ -41,7 +47,7 @@ pub(crate) fn render(scene: &Scene, ground: &Ground, order: Order<'_>) -> Result
         size: order.size,
         estimates: order.quantities.iter().map(estimate).collect(),
         layers: Layers::of(scene, tracers.exact, order.camera, order.size, normals),
-        rays: stages.rays,
+        rays: stages.rays(),
     };
     Ok(Made {
         render,

@@ -335,7 +335,7 @@ fn make(
     };
     let made = match args.technique {
         Technique::Reference => ground.render(scene, order, &advance),
-        Technique::Ldi => hybrid::render(scene, ground, order),
+        Technique::Ldi => hybrid::render(scene, ground, order, &advance),
     };
     bar.finish_and_clear();
     made

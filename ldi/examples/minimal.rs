@@ -17,8 +17,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let size = [640, 480];
     let hybrid = Hybrid::new(&scene, tracers, &HybridParams::default())?;
-    let stages = hybrid.render(&scene.cameras[0], size)?;
+    let stages = hybrid.render(&scene.cameras[0], size, &|_, _| {})?;
     stages.image(size).save(Path::new(&output))?;
-    println!("{output}: {} secondary rays", stages.rays);
+    println!("{output}: {} rays", stages.rays());
     Ok(())
 }

@@ -2,35 +2,44 @@
 //!
 //! 0. [`build`]: the maps, once for a scene (§3.1); [`trace`]: the tracer over them (§3.2).
 //! 1. `fragments`: what the camera sees, one shading per primitive and pixel.
-//! 2. Direct light, with shadows by exact rays.
+//! 2. `light`: direct light, with shadows by exact rays or by the maps.
 //! 3. `gather`: diffuse secondary rays, a few a pixel, single bounce.
-//! 4. The two-pass Gaussian over the irradiance they find (`isophote-filters`).
+//! 4. `filter`: the two-pass Gaussian over the irradiance they find (`isophote-filters`).
 //! 5. `gather`: glossy and mirror rays.
 //! 6. Everything combined; each intermediate of the paper's Fig. 5 is a layer of the image.
 //!
 //! The maps are one tracer among others here: what must be sharp (the camera, the shadows) is asked of an exact
-//! tracer, the bounced light of any.
+//! tracer, the bounced light of any. The exact tracer holds everything, the other what the selection it was built of
+//! holds: objects that move are left out of maps, receive their light and stay in the shadows (§6).
 
 pub mod build;
 mod file;
+mod filter;
 mod fragments;
 mod gather;
+mod light;
 pub mod maps;
 pub mod trace;
 
-use std::f32::consts::PI;
+use std::{
+    f32::consts::PI,
+    sync::atomic::{AtomicU64, Ordering},
+    time::Instant,
+};
 
-use glam::{Vec3, Vec4};
-use isophote_filters::{Gaussian, ImageView};
+use glam::Vec3;
+use isophote_filters::Gaussian;
 use isophote_scene::{
     Answers, Camera, Image, Scene, Tracer,
-    reference::{Integrator, Materials, Quantity, Settings, Tracers},
-    sample::Sampler,
+    reference::{Progress, Tracers},
 };
-use rayon::prelude::*;
 
-use self::fragments::{Fragment, Fragments};
-use crate::{Error, HybridParams, Result};
+use self::{
+    filter::Blur,
+    fragments::{Fragment, Fragments},
+    light::Lights,
+};
+use crate::{Error, HybridParams, Result, Shadows};
 
 /// Most samples of a picture: what is known of each takes up to 256 bytes.
 const MOST_SAMPLES: u64 = 1 << 25;
@@ -41,14 +50,16 @@ pub struct Hybrid<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> {
     tracers: Tracers<'a, E, S>,
     params: HybridParams,
     gaussian: Gaussian,
-    /// Light straight from the lights, at the camera's fragments.
-    direct: Integrator<'a, E, E>,
-    /// And at the points that secondary rays hit, where no map is needed: the paper's shadow map.
-    bounced: Integrator<'a, E, E>,
+    /// `None` where it would do nothing.
+    light_gaussian: Option<Gaussian>,
+    /// Light straight from the lights with exact shadows: what secondary rays hit has no other.
+    lights: Lights<'a, E>,
+    /// The same with shadows by the secondary tracer, where they are asked for.
+    lights_by_secondary: Option<Lights<'a, S>>,
 }
 
 /// The stages' results, one value per pixel, row by row from the top; linear RGB.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub struct Stages {
     /// Radiance by light straight from the lights.
     pub direct: Vec<Vec3>,
@@ -58,20 +69,47 @@ pub struct Stages {
     pub filtered: Vec<Vec3>,
     /// Radiance by the filtered irradiance.
     pub diffuse: Vec<Vec3>,
-    /// Radiance by glossy and mirror rays.
+    /// Radiance by glossy and mirror rays, and by those through glass.
     pub glossy: Vec<Vec3>,
     /// The sum of direct, diffuse and glossy.
     pub picture: Vec<Vec3>,
-    /// Secondary rays traced.
+    /// What each stage took: `camera`, `direct`, `diffuse`, `filter`, `glossy`.
+    pub passes: Vec<Pass>,
+}
+
+/// What a stage took.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pass {
+    /// The stage.
+    pub name: &'static str,
+    /// Its rays: the camera's, those towards lights, or secondary ones.
     pub rays: u64,
+    /// Rays towards lights from what its secondary rays hit.
+    pub shadow_rays: u64,
+    /// Of wall time.
+    pub seconds: f64,
+}
+
+/// Counts finished fragments for whoever watches.
+struct Meter<'a> {
+    progress: &'a dyn Progress,
+    done: AtomicU64,
+    total: u64,
+}
+
+impl Meter<'_> {
+    fn advance(&self, fragments: usize) {
+        let done = self.done.fetch_add(fragments as u64, Ordering::Relaxed) + fragments as u64;
+        self.progress.advance(done, self.total);
+    }
 }
 
 impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'a, E, S> {
     /// A renderer of a scene.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for parameters out of their range, [`Error::Scene`] when a tracer does not answer
-    /// [`Answers::Surface`].
+    /// [`Error::Parameter`] and [`Error::Filter`] for parameters out of their range, [`Error::Scene`] when a tracer
+    /// does not answer [`Answers::Surface`].
     pub fn new(
         scene: &'a Scene,
         tracers: Tracers<'a, E, S>,
@@ -88,141 +126,153 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'a, E, S> {
             }
             .into());
         }
-        let exact = Tracers {
-            exact: tracers.exact,
-            secondary: tracers.exact,
-        };
-        let settings = Settings {
-            materials: params.materials,
-            seed: params.seed,
-            ..Settings::default()
-        };
-        let lambert = Settings {
-            materials: Materials::Lambert,
-            ..settings
-        };
-        let gaussian = Gaussian::new(params.filter_width as usize, params.filter_sigma)?;
+        let gaussian = |width: u32| Gaussian::new(width as usize, params.filter_sigma);
         Ok(Self {
             scene,
             tracers,
             params: *params,
-            gaussian,
-            direct: Integrator::new(scene, exact, &[Quantity::Direct], &settings)?,
-            bounced: Integrator::new(scene, exact, &[Quantity::IrradianceDirect], &lambert)?,
+            gaussian: gaussian(params.filter_width)?,
+            light_gaussian: match params.light_filter_width {
+                1 => None,
+                width => Some(gaussian(width)?),
+            },
+            lights: Lights::new(scene, tracers.exact, params)?,
+            lights_by_secondary: match params.shadows {
+                Shadows::Exact => None,
+                Shadows::Secondary => Some(Lights::new(scene, tracers.secondary, params)?),
+            },
         })
     }
 
-    /// Renders what a camera sees.
+    /// Renders what a camera sees; `progress` is told how far it is, in thirds of a fragment.
     ///
     /// # Errors
     /// [`Error::Parameter`] for a size of zero, or of more than 2²⁵ samples.
-    pub fn render(&self, camera: &Camera, size: [u32; 2]) -> Result<Stages> {
-        let [width, height] = size;
-        let samples = u64::from(width) * u64::from(height) * u64::from(self.params.samples);
-        if !(1..=MOST_SAMPLES).contains(&samples) {
-            return Err(Error::Parameter {
-                name: "the size of the picture",
-                value: format!("{width}x{height}"),
-                expected: "it must have 1 to 33554432 samples",
-            });
-        }
-        let fragments = Fragments::seen(
-            self.scene,
-            self.tracers.exact,
-            camera,
-            size,
-            self.params.samples,
-            self.params.materials,
-        );
-        let direct = self.direct(&fragments);
-        let diffuse = self.diffuse(&fragments);
-        let glossy = self.glossy(&fragments);
-        let irradiance = fragments.over_pixels(&diffuse.light);
-        let filtered = self.filter(&fragments, &irradiance, size)?;
+    pub fn render(
+        &self,
+        camera: &Camera,
+        size: [u32; 2],
+        progress: &dyn Progress,
+    ) -> Result<Stages> {
+        check_size(size, self.params.samples)?;
+        let mut passes = Vec::new();
+        let (scene, exact, params) = (self.scene, self.tracers.exact, &self.params);
+        let fragments = timed(&mut passes, "camera", || {
+            let fragments = Fragments::seen(scene, exact, camera, size, params);
+            let rays = fragments.camera_rays();
+            (fragments, [rays, 0])
+        });
+        let meter = Meter {
+            progress,
+            done: AtomicU64::new(0),
+            total: 3 * fragments.all.len() as u64,
+        };
+        let blur = Blur::new(&fragments, camera, size, self.params.edges)?;
+        let direct = timed(&mut passes, "direct", || {
+            let (lit, rays) = match &self.lights_by_secondary {
+                Some(lights) => lights.direct(&fragments, params, &meter),
+                None => self.lights.direct(&fragments, params, &meter),
+            };
+            (lit, [rays, 0])
+        });
+        let diffuse = timed(&mut passes, "diffuse", || self.diffuse(&fragments, &meter));
+        let glossy = timed(&mut passes, "glossy", || self.glossy(&fragments, &meter));
+        let irradiance = fragments.over_pixels(&diffuse);
+        let (direct, filtered) = timed(&mut passes, "filter", || {
+            let direct = match &self.light_gaussian {
+                Some(gaussian) => blur.lit(gaussian, &fragments, direct),
+                None => Ok(direct),
+            };
+            let scatters = |fragment: &Fragment| fragment.diffuse != Vec3::ZERO;
+            let filtered = blur.over(&self.gaussian, &fragments, &diffuse, scatters);
+            ((direct, filtered), [0, 0])
+        });
+        let (direct, filtered) = (direct?, filtered?);
         let lit: Vec<Vec3> = fragments
             .all
             .iter()
             .map(|fragment| fragment.diffuse / PI * filtered[fragment.pixel as usize])
             .collect();
-        let mut stages = Stages {
+        Ok(Stages {
             direct: fragments.over_pixels(&direct),
             diffuse: fragments.over_pixels(&lit),
-            glossy: fragments.over_pixels(&glossy.light),
+            glossy: fragments.over_pixels(&glossy),
             irradiance,
             filtered,
             picture: Vec::new(),
-            rays: diffuse.rays + glossy.rays,
-        };
-        let sum = stages
-            .direct
-            .iter()
-            .zip(&stages.diffuse)
-            .zip(&stages.glossy);
-        stages.picture = sum.map(|((&a, &b), &c)| a + b + c).collect();
-        Ok(stages)
-    }
-
-    /// Stage 2. Lights with an extent take several rays.
-    fn direct(&self, fragments: &Fragments) -> Vec<Vec3> {
-        let count = self.params.light_rays;
-        let radiance = |(index, fragment): (usize, &Fragment)| {
-            let mut sum = [Vec3::ZERO];
-            for number in 0..count {
-                let sampler = Sampler::new(self.params.seed, 4 * index as u32, number);
-                self.direct
-                    .estimate(&fragment.point, fragment.view, &sampler, &mut sum);
-            }
-            sum[0] / count as f32
-        };
-        fragments.all.par_iter().enumerate().map(radiance).collect()
-    }
-
-    /// Stage 4. Only surfaces that scatter diffusely count, so that neither the background nor metal darkens them: how
-    /// much of a pixel they fill is filtered too.
-    fn filter(
-        &self,
-        fragments: &Fragments,
-        irradiance: &[Vec3],
-        [width, height]: [u32; 2],
-    ) -> Result<Vec<Vec3>> {
-        let scatters = |fragment: &Fragment| {
-            let scatters = fragment.diffuse != Vec3::ZERO;
-            Vec3::splat(f32::from(u8::from(scatters)))
-        };
-        let scatters: Vec<Vec3> = fragments.all.iter().map(scatters).collect();
-        let filled = fragments.over_pixels(&scatters);
-        let values: Vec<Vec4> = irradiance
-            .iter()
-            .zip(filled)
-            .map(|(light, filled)| light.extend(filled.x))
-            .collect();
-        let (width, height) = (width as usize, height as usize);
-        let view = ImageView::new(bytemuck::cast_slice(&values), width, height, 4)?;
-        let mut filtered = vec![Vec4::ZERO; values.len()];
-        self.gaussian
-            .apply(view, bytemuck::cast_slice_mut(&mut filtered))?;
-        let mean = |sum: &Vec4| {
-            if sum.w > 0.0 {
-                sum.truncate() / sum.w
-            } else {
-                Vec3::ZERO
-            }
-        };
-        Ok(filtered.iter().map(mean).collect())
+            passes,
+        }
+        .combined())
     }
 }
 
+fn check_size([width, height]: [u32; 2], samples: u32) -> Result<()> {
+    let samples = u64::from(width) * u64::from(height) * u64::from(samples);
+    if (1..=MOST_SAMPLES).contains(&samples) {
+        return Ok(());
+    }
+    Err(Error::Parameter {
+        name: "the size of the picture",
+        value: format!("{width}x{height}"),
+        expected: "it must have 1 to 33554432 samples",
+    })
+}
+
+/// Notes what a stage took; it tells its rays and its shadow rays beside its result.
+fn timed<T>(
+    passes: &mut Vec<Pass>,
+    name: &'static str,
+    stage: impl FnOnce() -> (T, [u64; 2]),
+) -> T {
+    let start = Instant::now();
+    let (result, [rays, shadow_rays]) = stage();
+    passes.push(Pass {
+        name,
+        rays,
+        shadow_rays,
+        seconds: start.elapsed().as_secs_f64(),
+    });
+    result
+}
+
 impl Stages {
-    /// The picture in R, G, B, and a layer for each stage: `direct`, `diffuse`, `glossy`, `irradiance.indirect` and
-    /// `irradiance.noisy`.
+    /// Stage 6.
+    fn combined(mut self) -> Self {
+        let bounced = self.diffuse.iter().zip(&self.glossy);
+        self.picture = self
+            .direct
+            .iter()
+            .zip(bounced)
+            .map(|(&direct, (&diffuse, &glossy))| direct + diffuse + glossy)
+            .collect();
+        self
+    }
+
+    /// Rays of all kinds.
+    pub fn rays(&self) -> u64 {
+        let rays = self.passes.iter().map(|pass| pass.rays + pass.shadow_rays);
+        rays.sum()
+    }
+
+    /// The stages by the names of their layers: `direct`, `diffuse`, `glossy`, `irradiance.indirect` and
+    /// `irradiance.noisy`, which is before the filter.
+    pub fn layers(&self) -> [(&'static str, &[Vec3]); 5] {
+        [
+            ("direct", &self.direct),
+            ("diffuse", &self.diffuse),
+            ("glossy", &self.glossy),
+            ("irradiance.indirect", &self.filtered),
+            ("irradiance.noisy", &self.irradiance),
+        ]
+    }
+
+    /// The picture in R, G, B, and [`layers`](Self::layers).
     pub fn image(&self, [width, height]: [u32; 2]) -> Image {
         let mut image = Image::new(width, height);
         image.push_layer("", "RGB", &self.picture);
-        image.push_layer("direct", "RGB", &self.direct);
-        image.push_layer("diffuse", "RGB", &self.diffuse);
-        image.push_layer("glossy", "RGB", &self.glossy);
-        image.push_layer("irradiance.indirect", "RGB", &self.filtered);
-        image.push_layer("irradiance.noisy", "RGB", &self.irradiance);
+        for (name, values) in self.layers() {
+            image.push_layer(name, "RGB", values);
+        }
         image
     }
 }

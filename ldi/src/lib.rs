@@ -40,7 +40,8 @@
 //! - A pixel knows in which 32nds of the depth it has layers, so that empty pixels are passed without reading layers.
 //! - Rays of a batch are sorted by map and place.
 //! - Direct light and the shadows of what secondary rays hit are traced exactly, where the paper has shadow maps.
-//! - The Gaussian leaves out the background and metal.
+//! - The Gaussians leave out the background and metal, and stop at edges unless [`HybridParams::edges`] is `None`.
+//! - Metal that a secondary ray hits is lit as metal, and glass refracts secondary rays; both end there.
 
 pub mod cpu;
 mod directions;
@@ -51,9 +52,9 @@ pub mod gpu;
 mod params;
 
 pub use self::{
-    cpu::{Hybrid, Stages, trace::LdiTracer},
+    cpu::{Hybrid, Pass, Stages, trace::LdiTracer},
     directions::Directions,
     error::{Error, Result},
     fallback::{Confident, WithFallback},
-    params::{Coverage, HybridParams, LdiParams},
+    params::{Coverage, HybridParams, LdiParams, Shadows},
 };

@@ -1,5 +1,6 @@
 //! What can be chosen when maps are built and pictures made.
 
+use isophote_filters::EdgeStop;
 use isophote_scene::reference::Materials;
 
 use crate::{
@@ -100,27 +101,44 @@ impl LdiParams {
     }
 }
 
-/// How a picture is made; the defaults are the paper's.
+/// How a picture is made; the defaults are the paper's, but for [`edges`](Self::edges).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HybridParams {
     /// Samples a pixel, 1 or 4; what meets the same triangle is shaded once (§4).
     pub samples: u32,
     /// Diffuse secondary rays a pixel, 1 to 65,536 (§7: 8).
     pub diffuse_rays: u32,
-    /// Glossy secondary rays a pixel, 1 to 65,536 (§7: 16). Mirrors take one.
+    /// Glossy secondary rays a pixel, also through glass, 1 to 65,536 (§7: 16). Mirrors take one.
     pub glossy_rays: u32,
     /// Shadow rays a pixel towards the lights, 1 to 65,536 (§7: 16 for area lights).
     pub light_rays: u32,
-    /// Width of the Gaussian, pixels, odd (§7: 11); 1 does not filter.
+    /// Who answers the shadow rays of what the camera sees.
+    pub shadows: Shadows,
+    /// Width of the Gaussian over the diffuse light that bounced, pixels, odd (§7: 11); 1 does not filter.
     pub filter_width: u32,
-    /// Its standard deviation, pixels, 0.1 to 1000. The paper gives none.
+    /// Width of the Gaussian over the light straight from the lights, where surfaces are diffuse alone; pixels, odd.
+    /// 1, the default, does not filter. The paper filters soft shadows (§7) and tells no width.
+    pub light_filter_width: u32,
+    /// Standard deviation of both Gaussians, pixels, 0.1 to 1000. The paper gives none.
     pub filter_sigma: f32,
+    /// Where the Gaussians stop; with `None` they blur across everything, as the paper's do (§5).
+    pub edges: Option<EdgeStop>,
     /// The mip level at which textures are read where secondary rays hit (§5); each further 1 halves the resolution.
     pub texture_level: f32,
     /// Which part of the materials counts.
     pub materials: Materials,
     /// Chooses the samples.
     pub seed: u64,
+}
+
+/// Who answers the shadow rays of what the camera sees.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Shadows {
+    /// The exact tracer, in the place of the paper's shadow map (§5).
+    #[default]
+    Exact,
+    /// The tracer of the secondary rays (§7, Fig. 8). What is not in its maps casts no shadow.
+    Secondary,
 }
 
 impl Default for HybridParams {
@@ -130,8 +148,11 @@ impl Default for HybridParams {
             diffuse_rays: 8,
             glossy_rays: 16,
             light_rays: 16,
+            shadows: Shadows::default(),
             filter_width: 11,
+            light_filter_width: 1,
             filter_sigma: 2.0,
+            edges: Some(EdgeStop::default()),
             texture_level: 3.0,
             materials: Materials::default(),
             seed: 0,
@@ -140,7 +161,7 @@ impl Default for HybridParams {
 }
 
 impl HybridParams {
-    /// An error unless every parameter is in its range. The Gaussian's are checked by the filter.
+    /// An error unless every parameter is in its range. The Gaussians' are checked by the filter.
     ///
     /// # Errors
     /// [`Error::Parameter`].

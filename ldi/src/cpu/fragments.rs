@@ -7,6 +7,8 @@ use glam::{UVec2, Vec2, Vec3};
 use isophote_scene::{Camera, Scene, SurfaceMaterial, SurfacePoint, Tracer, reference::Materials};
 use rayon::prelude::*;
 
+use crate::HybridParams;
+
 /// A primitive in a pixel.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fragment {
@@ -21,11 +23,35 @@ pub(super) struct Fragment {
     pub(super) diffuse: Vec3,
 }
 
+impl Fragment {
+    /// The shading normal on the viewer's side.
+    pub(super) fn normal(&self) -> Vec3 {
+        facing(self.point.shading_normal, self.view)
+    }
+
+    /// Whether it scatters diffusely and does nothing else with light.
+    pub(super) fn is_matte(&self) -> bool {
+        let material = &self.material;
+        material.metallic == 0.0 && material.transmission == 0.0 && !material.unlit
+    }
+}
+
+/// A normal, turned to the side of a direction.
+pub(super) fn facing(normal: Vec3, direction: Vec3) -> Vec3 {
+    if normal.dot(direction) < 0.0 {
+        -normal
+    } else {
+        normal
+    }
+}
+
 /// What the camera sees, in the order of pixels.
 #[derive(Clone, Debug)]
 pub(super) struct Fragments {
     pub(super) all: Vec<Fragment>,
     pixels: usize,
+    /// Samples of a pixel.
+    samples: usize,
 }
 
 /// Places of samples in a pixel: the rotated grid of four.
@@ -43,10 +69,9 @@ impl Fragments {
         tracer: &T,
         camera: &Camera,
         [width, height]: [u32; 2],
-        samples: u32,
-        materials: Materials,
+        params: &HybridParams,
     ) -> Self {
-        let places: &[Vec2] = if samples == 1 {
+        let places: &[Vec2] = if params.samples == 1 {
             &[Vec2::splat(0.5)]
         } else {
             &ROTATED
@@ -69,13 +94,13 @@ impl Fragments {
                     continue;
                 }
                 let point = scene.surface_point(&hit);
-                let material = material(scene, &point, materials);
+                let material = material(scene, &point, params.materials);
                 found.push(Fragment {
                     pixel: pixel as u32,
                     weight,
                     point,
                     view: -ray.direction,
-                    diffuse: material.base_color * (1.0 - material.metallic),
+                    diffuse: diffuse(&material),
                     material,
                 });
             }
@@ -85,7 +110,15 @@ impl Fragments {
             .into_par_iter()
             .flat_map_iter(of_pixel)
             .collect();
-        Self { all, pixels }
+        Self {
+            all,
+            pixels,
+            samples: places.len(),
+        }
+    }
+
+    pub(super) fn camera_rays(&self) -> u64 {
+        (self.pixels * self.samples) as u64
     }
 
     /// The weighted sum of the fragments' values in each pixel.
@@ -101,12 +134,20 @@ impl Fragments {
 /// What a surface is made of, as far as materials count.
 fn material(scene: &Scene, point: &SurfacePoint, materials: Materials) -> SurfaceMaterial {
     let material = scene.surface_material(point);
-    match materials {
-        Materials::Pbr => material,
-        Materials::Lambert => SurfaceMaterial {
-            metallic: 0.0,
-            transmission: 0.0,
-            ..material
-        },
+    if materials == Materials::Pbr && !material.unlit {
+        return material;
     }
+    SurfaceMaterial {
+        metallic: 0.0,
+        transmission: 0.0,
+        ..material
+    }
+}
+
+/// Albedo of the diffuse part: of metal and glass there is none, and what is unlit reflects nothing.
+fn diffuse(material: &SurfaceMaterial) -> Vec3 {
+    if material.unlit {
+        return Vec3::ZERO;
+    }
+    material.base_color * (1.0 - material.metallic) * (1.0 - material.transmission)
 }

@@ -1,155 +1,209 @@
 //! Stages 3 and 5: secondary rays, and what they bring back.
 //!
 //! The rays of many pixels are traced together, so that a tracer can sort them by direction. The surface a ray hits is
-//! lit by the lights alone (a single bounce) and reflects diffusely; its texture is read at a coarse level, since a
+//! lit by the lights alone (a single bounce); where it is diffuse its texture is read at a coarse level, since a
 //! secondary ray stands for a wide cone (§5).
 
 use std::f32::consts::PI;
 
 use glam::Vec3;
 use isophote_scene::{
-    Bsdf, Hit, MIRROR_ROUGHNESS, Ray, SurfaceMaterial, Tracer,
+    Bsdf, Hit, MIRROR_ROUGHNESS, Ray, SurfaceId, SurfaceMaterial, Tracer,
+    reference::Materials,
     sample::{Frame, Sampler, cosine_hemisphere},
 };
 use rayon::prelude::*;
 
 use super::{
-    Hybrid,
-    fragments::{Fragment, Fragments},
+    Hybrid, Meter,
+    fragments::{Fragment, Fragments, facing},
 };
 
-/// Fragments whose rays are traced together.
-const CHUNK: usize = 8192;
-
-/// What secondary rays brought back, one value per fragment.
-pub(super) struct Gathered {
-    pub(super) light: Vec<Vec3>,
-    pub(super) rays: u64,
-}
+/// Rays that are traced together, and the most fragments they are of.
+const BATCH: u32 = 1 << 18;
+const MOST_FRAGMENTS: u32 = 8192;
 
 /// A secondary ray, and what its light counts for its fragment.
 struct Secondary {
     ray: Ray,
     weight: Vec3,
+    start: SurfaceId,
     fragment: usize,
+    /// Of the samples of its fragment.
+    number: u32,
 }
+
+/// A ray that a fragment asks for.
+struct Wanted {
+    direction: Vec3,
+    weight: Vec3,
+    /// Of the samples of the fragment.
+    number: u32,
+}
+
+/// Light at every fragment; rays, and the shadow rays of what they hit.
+type Gathered = (Vec<Vec3>, [u64; 2]);
 
 impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
     /// Stage 3: irradiance. With density cosθ/π it is π times the mean of the radiance.
-    pub(super) fn diffuse(&self, fragments: &Fragments) -> Gathered {
+    pub(super) fn diffuse(&self, fragments: &Fragments, meter: &Meter<'_>) -> Gathered {
         let count = self.params.diffuse_rays;
-        self.gather(fragments, 1, |fragment, stream, rays| {
+        self.gather(fragments, 1, count, meter, |fragment, stream, want| {
             if fragment.diffuse == Vec3::ZERO {
                 return;
             }
-            let frame = Frame::new(facing(fragment.point.shading_normal, fragment.view));
+            let frame = Frame::new(fragment.normal());
             for number in 0..count {
                 let sampler = Sampler::new(self.params.seed, stream, number);
                 let direction = frame.to_world(cosine_hemisphere(sampler.get_2d(1)));
-                rays(direction.normalize(), Vec3::splat(PI / count as f32));
+                want(Wanted {
+                    direction: direction.normalize(),
+                    weight: Vec3::splat(PI / count as f32),
+                    number,
+                });
             }
         })
     }
 
-    /// Stage 5: radiance by the metal lobe. A mirror takes one ray.
-    pub(super) fn glossy(&self, fragments: &Fragments) -> Gathered {
-        self.gather(fragments, 2, |fragment, stream, rays| {
+    /// Stage 5: radiance by the metal lobe and through glass. A mirror takes one ray.
+    pub(super) fn glossy(&self, fragments: &Fragments, meter: &Meter<'_>) -> Gathered {
+        let most = self.params.glossy_rays;
+        self.gather(fragments, 2, 2 * most, meter, |fragment, stream, want| {
             let material = &fragment.material;
-            if material.metallic == 0.0 {
-                return;
-            }
+            let glass = (1.0 - material.metallic) * material.transmission;
+            let mirror = material.roughness < MIRROR_ROUGHNESS;
+            // Of each lobe its material alone, how much of it there is, and its rays.
             let metal = SurfaceMaterial {
                 metallic: 1.0,
-                base_color: material.base_color * material.metallic,
                 ..*material
             };
-            let count = if material.roughness < MIRROR_ROUGHNESS {
-                1
-            } else {
-                self.params.glossy_rays
+            let dielectric = SurfaceMaterial {
+                metallic: 0.0,
+                transmission: 1.0,
+                ..*material
             };
-            let normal = fragment.point.shading_normal;
-            let outside = normal.dot(fragment.view) >= 0.0;
-            let bsdf = Bsdf::new(facing(normal, fragment.view), &metal, outside);
-            for number in 0..count {
-                let sampler = Sampler::new(self.params.seed, stream, number);
-                if let Some(sample) = bsdf.sample(fragment.view, 0.0, sampler.get_2d(1)) {
-                    rays(sample.light, sample.weight / count as f32);
+            let lobes = [
+                (metal, material.metallic, if mirror { 1 } else { most }),
+                (dielectric, glass, most),
+            ];
+            let outside = fragment.point.shading_normal.dot(fragment.view) >= 0.0;
+            for (lobe, (material, share, count)) in lobes.into_iter().enumerate() {
+                if share == 0.0 {
+                    continue;
+                }
+                let bsdf = Bsdf::new(fragment.normal(), &material, outside);
+                for number in 0..count {
+                    let number = number + lobe as u32 * most;
+                    let sampler = Sampler::new(self.params.seed, stream, number);
+                    let choice = sampler.get_1d(2);
+                    if let Some(sample) = bsdf.sample(fragment.view, choice, sampler.get_2d(1)) {
+                        want(Wanted {
+                            direction: sample.light,
+                            weight: sample.weight * (share / count as f32),
+                            number,
+                        });
+                    }
                 }
             }
         })
     }
 
-    /// Traces the rays that `make` chooses for each fragment (direction and weight) and sums up what they see.
+    /// Traces the rays that `make` chooses for each fragment, at most `most`, and sums up what they see.
     fn gather(
         &self,
         fragments: &Fragments,
         stage: u32,
-        make: impl Fn(&Fragment, u32, &mut dyn FnMut(Vec3, Vec3)) + Sync,
+        most: u32,
+        meter: &Meter<'_>,
+        make: impl Fn(&Fragment, u32, &mut dyn FnMut(Wanted)) + Sync,
     ) -> Gathered {
-        let tracer = self.tracers.secondary;
-        let chunk = |(number, fragments): (usize, &[Fragment])| {
+        let size = (BATCH / most).clamp(1, MOST_FRAGMENTS) as usize;
+        let stream = |fragment: usize| 4 * fragment as u32 + stage;
+        let chunk = |(chunk, fragments): (usize, &[Fragment])| {
+            let first = chunk * size;
             let mut secondary = Vec::new();
             for (index, fragment) in fragments.iter().enumerate() {
-                let stream = (4 * (number * CHUNK + index)) as u32 + stage;
-                let point = &fragment.point;
-                let lift = tracer.tolerance(point.position);
-                make(fragment, stream, &mut |direction, weight| {
-                    // Below the surface there is nothing to be seen.
-                    let side = facing(point.geometric_normal, fragment.view);
-                    if direction.dot(side) > 0.0 {
-                        secondary.push(Secondary {
-                            ray: Ray::new(point.lifted(direction, lift), direction),
-                            weight,
-                            fragment: index,
-                        });
-                    }
+                make(fragment, stream(first + index), &mut |wanted| {
+                    secondary.extend(self.secondary(fragment, index, wanted));
                 });
             }
-            let rays: Vec<Ray> = secondary.iter().map(|one| one.ray).collect();
-            let mut hits = vec![None; rays.len()];
-            tracer.closest_hits(&rays, &mut hits);
+            let hits = self.hits(&secondary);
             let mut light = vec![Vec3::ZERO; fragments.len()];
-            for (index, (one, hit)) in secondary.iter().zip(&hits).enumerate() {
+            let mut shadow_rays = 0;
+            for (one, hit) in secondary.iter().zip(&hits) {
                 if let Some(hit) = hit {
-                    let stream = (number * CHUNK + one.fragment) as u32;
-                    let sampler =
-                        Sampler::new(self.params.seed ^ 1, 4 * stream + stage, index as u32);
-                    light[one.fragment] +=
-                        one.weight * self.leaving(hit, one.ray.direction, &sampler);
+                    let stream = stream(first + one.fragment);
+                    let sampler = Sampler::new(self.params.seed ^ 1, stream, one.number);
+                    let (found, rays) = self.leaving(hit, one.ray.direction, &sampler);
+                    light[one.fragment] += one.weight * found;
+                    shadow_rays += rays;
                 }
             }
-            (light, rays.len() as u64)
+            meter.advance(fragments.len());
+            (light, [secondary.len() as u64, shadow_rays])
         };
-        let parts: Vec<_> = fragments
+        let parts: Vec<Gathered> = fragments
             .all
-            .par_chunks(CHUNK)
+            .par_chunks(size)
             .enumerate()
             .map(chunk)
             .collect();
-        let rays = parts.iter().map(|part| part.1).sum();
+        let rays = [0, 1].map(|kind| parts.iter().map(|part| part.1[kind]).sum());
         let light = parts.into_iter().flat_map(|part| part.0).collect();
-        Gathered { light, rays }
+        (light, rays)
     }
 
-    /// Radiance that leaves a hit towards where the ray came from, by light straight from the lights.
-    fn leaving(&self, hit: &Hit, direction: Vec3, sampler: &Sampler) -> Vec3 {
+    /// A ray that was asked for, unless it goes to one side by the shading normal and to the other by the triangle's.
+    fn secondary(&self, fragment: &Fragment, index: usize, wanted: Wanted) -> Option<Secondary> {
+        let Wanted {
+            direction,
+            weight,
+            number,
+        } = wanted;
+        let point = &fragment.point;
+        let side = facing(point.geometric_normal, fragment.view);
+        if direction.dot(side) * direction.dot(fragment.normal()) <= 0.0 {
+            return None;
+        }
+        let lift = self.tracers.secondary.tolerance(point.position);
+        Some(Secondary {
+            ray: Ray::new(point.lifted(direction, lift), direction),
+            weight,
+            start: point.surface,
+            fragment: index,
+            number,
+        })
+    }
+
+    /// What the rays hit; not the triangle they start on.
+    fn hits(&self, secondary: &[Secondary]) -> Vec<Option<Hit>> {
+        let tracer = self.tracers.secondary;
+        let rays: Vec<Ray> = secondary.iter().map(|one| one.ray).collect();
+        let mut hits = vec![None; rays.len()];
+        tracer.closest_hits(&rays, &mut hits);
+        for (one, hit) in secondary.iter().zip(&mut hits) {
+            // A batch knows of no starts, and they are hit next to never.
+            if hit.is_some_and(|hit| hit.surface == one.start) {
+                *hit = tracer.closest_hit_from(&one.ray, one.start);
+            }
+        }
+        hits
+    }
+
+    /// Radiance that leaves a hit towards where the ray came from, by light straight from the lights; and the rays
+    /// that took.
+    fn leaving(&self, hit: &Hit, direction: Vec3, sampler: &Sampler) -> (Vec3, u64) {
         let point = self.scene.surface_point(hit);
-        let mut irradiance = [Vec3::ZERO];
-        self.bounced
-            .estimate(&point, -direction, sampler, &mut irradiance);
-        let material = self
-            .scene
-            .surface_material_at(&point, self.params.texture_level);
-        irradiance[0] * material.base_color / PI
-    }
-}
-
-/// A normal, turned to the side of a direction.
-fn facing(normal: Vec3, direction: Vec3) -> Vec3 {
-    if normal.dot(direction) < 0.0 {
-        -normal
-    } else {
-        normal
+        let level = self.params.texture_level;
+        let material = self.scene.surface_material_at(&point, level);
+        if material.unlit {
+            return (Vec3::ZERO, 0);
+        }
+        let lambert = self.params.materials == Materials::Lambert;
+        if !lambert && (material.metallic > 0.0 || material.transmission > 0.0) {
+            return self.lights.radiance(&point, -direction, sampler);
+        }
+        let (irradiance, rays) = self.lights.irradiance(&point, -direction, sampler);
+        (irradiance * material.base_color / PI, rays)
     }
 }
