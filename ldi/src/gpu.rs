@@ -25,8 +25,9 @@ pub const SHADERS: ShaderPackage = shader_package!("ldi", ["maps", "plane", "tra
 
 /// Answers rays from layered depth images, in shaders. Binds two storage buffers, or two textures.
 ///
-/// With [`Coverage::Touched`](crate::Coverage::Touched) its answers are those of the exact tracers on GPUs, for rays
-/// that start in or near the scene: the walk is in 32 bits, where the CPU's is in 64.
+/// With [`Coverage::Touched`](crate::Coverage::Touched) its answers are those of the exact tracers on GPUs, but for what
+/// 32 bits make of rays that start far outside: those are moved onto the maps first, so that they leak nowhere, but meet
+/// what is 10⁻⁷ of their way beside them.
 #[derive(Debug)]
 pub struct LdiGpuTracer {
     scene: Arc<Scene>,

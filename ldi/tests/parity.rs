@@ -8,6 +8,7 @@ use isophote_ldi::{Coverage, LdiParams, LdiTracer, gpu::LdiGpuTracer};
 use isophote_scene::{
     BuildTracer, Hit, Ray, Scene, Selection, Tracer, builtin,
     gpu::{Context, GpuScene, RayBatch},
+    sample::{Sampler, uniform_sphere},
     testing::{RayKind, rays},
 };
 
@@ -25,23 +26,69 @@ struct Differences {
     others: usize,
 }
 
+/// Rays of every kind; and for those that hit something and do not graze it, the pieces before, around and behind the
+/// hit.
+fn all_kinds(scene: &Scene, cpu: &LdiTracer, count: usize) -> Vec<Ray> {
+    let mut all: Vec<Ray> = RayKind::ALL
+        .into_iter()
+        // Exactly at edges either side is right.
+        .filter(|kind| *kind != RayKind::Edge)
+        .flat_map(|kind| rays(scene, kind, count, 5))
+        .collect();
+    let pieces = |ray: &Ray| {
+        let hit = cpu.closest_hit(ray)?;
+        let normal = scene.surface_point(&hit).geometric_normal;
+        if normal.dot(ray.direction).abs() < 0.1 {
+            return None;
+        }
+        let (before, behind) = (hit.t * (1.0 - 1e-3), hit.t * (1.0 + 1e-3));
+        let piece = |t_min, t_max| Ray {
+            t_min,
+            t_max,
+            ..*ray
+        };
+        Some([
+            piece(ray.t_min, before),
+            piece(before, behind),
+            piece(behind, ray.t_max),
+        ])
+    };
+    let more: Vec<Ray> = all
+        .iter()
+        .step_by(3)
+        .filter_map(pieces)
+        .flatten()
+        .filter(|ray| ray.t_min < ray.t_max)
+        .collect();
+    all.extend(more);
+    all
+}
+
+/// Rays into a scene from so many of its diagonals away.
+fn from_afar(scene: &Scene, away: f32, count: u32) -> Vec<Ray> {
+    let bounds = scene.bounds();
+    let ray = |index| {
+        let sampler = Sampler::new(11, 0, index);
+        let direction = uniform_sphere(sampler.get_2d(0));
+        let share = sampler.get_2d(1).extend(sampler.get_1d(2));
+        let target = bounds.min + share * (bounds.max - bounds.min);
+        Ray::new(target - away * bounds.diagonal() * direction, direction)
+    };
+    (0..count).map(ray).collect()
+}
+
 fn differences(
     context: &Context,
     scene: &Arc<Scene>,
     params: &LdiParams,
-    count: usize,
+    rays: impl FnOnce(&LdiTracer) -> Vec<Ray>,
 ) -> Differences {
     let selection = Selection::default();
     let cpu = LdiTracer::build(scene, &selection, params).unwrap();
     let gpu = LdiGpuTracer::from_maps(context, scene, &selection, params, cpu.maps()).unwrap();
     let gpu_scene = GpuScene::new(context, scene).unwrap();
     let mut batch = RayBatch::new(context, &gpu_scene, &gpu).unwrap();
-    let rays: Vec<Ray> = RayKind::ALL
-        .into_iter()
-        // Exactly at edges either side is right.
-        .filter(|kind| *kind != RayKind::Edge)
-        .flat_map(|kind| rays(scene, kind, count, 5))
-        .collect();
+    let rays = rays(&cpu);
     let mut answers: Vec<Option<Hit>> = vec![None; rays.len()];
     batch
         .closest_hits(context, &gpu_scene, &gpu, &rays, &mut answers)
@@ -94,7 +141,9 @@ fn the_gpu_finds_what_the_cpu_finds() {
                 coverage,
                 ..LdiParams::default()
             };
-            let found = differences(&context, &scene, &params, count);
+            let found = differences(&context, &scene, &params, |cpu| {
+                all_kinds(&scene, cpu, count)
+            });
             assert!(found.hits > found.rays / 4, "{name}: {found:?}");
             let most = (allowed * found.rays as f64) as usize;
             assert!(
@@ -102,5 +151,23 @@ fn the_gpu_finds_what_the_cpu_finds() {
                 "{name} {params:?}: {found:?}, allowed {most}"
             );
         }
+    }
+}
+
+/// 32 bits tell positions apart to about 10⁻⁷ of how far away a ray starts: rays that pass an edge more closely may be
+/// answered otherwise, but none leaks through a surface.
+#[test]
+fn rays_from_afar_do_not_leak() {
+    let Some(context) = Context::for_tests() else {
+        return;
+    };
+    for (away, allowed) in [(1e3, 1e-4), (1e5, 1e-3)] {
+        let scene = Arc::new(builtin::build("builtin:office").unwrap());
+        let found = differences(&context, &scene, &LdiParams::default(), |_| {
+            from_afar(&scene, away, 20_000)
+        });
+        assert!(found.hits > found.rays / 4, "{found:?}");
+        let most = (allowed * found.rays as f64) as usize;
+        assert!(found.confused <= most, "{found:?}, allowed {most}");
     }
 }
