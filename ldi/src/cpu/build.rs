@@ -37,25 +37,8 @@ pub fn build(
     selection: &Selection,
     params: &LdiParams,
 ) -> Result<Maps> {
-    params.check()?;
-    isophote_scene::check_transforms(scene, transforms)?;
-    let mut triangles = world_triangles(scene, transforms, selection);
-    let bounds = fit(&triangles, selection)?;
-    let starts = groups::group(&mut triangles);
-    let (blocks, surfaces) = pack(scene, &triangles, &starts);
-    let targets = match params.coverage {
-        Coverage::Center => blocks.len() * LANES,
-        Coverage::Touched => blocks.len(),
-    };
-    let plan = Plan {
-        params,
-        directions: Directions::new(params.cells),
-        resolution: params.resolution.next_multiple_of(TILE),
-        bounds,
-        blocks,
-        surfaces,
-    };
-    if targets <= 1 << 16 {
+    let plan = Plan::new(scene, transforms, selection, params)?;
+    if plan.fits_narrow_layers() {
         plan.build(Layers::Narrow)
     } else {
         plan.build(Layers::Wide)
@@ -183,13 +166,13 @@ impl Budget {
 }
 
 /// What all maps are built from.
-struct Plan<'a> {
-    params: &'a LdiParams,
+pub(crate) struct Plan<'a> {
+    pub(crate) params: &'a LdiParams,
     directions: Directions,
-    resolution: u32,
+    pub(crate) resolution: u32,
     bounds: Aabb,
-    blocks: Vec<Block>,
-    surfaces: Vec<BlockSurfaces>,
+    pub(crate) blocks: Vec<Block>,
+    pub(crate) surfaces: Vec<BlockSurfaces>,
 }
 
 /// The layers of one map.
@@ -199,13 +182,57 @@ struct Map<L> {
     layers: Vec<L>,
 }
 
-impl Plan<'_> {
-    fn build<L: Layer>(self, wrap: fn(Vec<L>) -> Layers) -> Result<Maps> {
+impl<'a> Plan<'a> {
+    pub(crate) fn new(
+        scene: &Scene,
+        transforms: &[Affine3A],
+        selection: &Selection,
+        params: &'a LdiParams,
+    ) -> Result<Self> {
+        params.check()?;
+        isophote_scene::check_transforms(scene, transforms)?;
+        let mut triangles = world_triangles(scene, transforms, selection);
+        let bounds = fit(&triangles, selection)?;
+        let starts = groups::group(&mut triangles);
+        let (blocks, surfaces) = pack(scene, &triangles, &starts);
+        Ok(Self {
+            params,
+            directions: Directions::new(params.cells),
+            resolution: params.resolution.next_multiple_of(TILE),
+            bounds,
+            blocks,
+            surfaces,
+        })
+    }
+
+    /// Whether what layers are parts of can be counted in 16 bits.
+    pub(crate) fn fits_narrow_layers(&self) -> bool {
+        let targets = match self.params.coverage {
+            Coverage::Center => self.blocks.len() * LANES,
+            Coverage::Touched => self.blocks.len(),
+        };
+        targets <= 1 << 16
+    }
+
+    /// One for each map.
+    pub(crate) fn frames(&self, depth_steps: u32) -> Vec<Frame> {
         let side = f64::from(self.resolution);
-        let cells = DVec3::new(side, side, f64::from(L::STEPS));
-        let frames: Vec<Frame> = (0..self.directions.maps())
+        let cells = DVec3::new(side, side, f64::from(depth_steps));
+        (0..self.directions.maps())
             .map(|map| frame(self.directions, map, &self.bounds, cells))
-            .collect();
+            .collect()
+    }
+
+    /// As [`Maps::planes`].
+    pub(crate) fn planes(&self) -> Vec<[f32; 4]> {
+        match self.params.coverage {
+            Coverage::Center => planes(&self.blocks),
+            Coverage::Touched => Vec::new(),
+        }
+    }
+
+    fn build<L: Layer>(self, wrap: fn(Vec<L>) -> Layers) -> Result<Maps> {
+        let frames = self.frames(L::STEPS);
         let budget = Budget::new(self.params, &self.blocks);
         let maps = frames
             .par_iter()
@@ -234,10 +261,7 @@ impl Plan<'_> {
             frames,
             pixels,
             layers: wrap(layers),
-            planes: match self.params.coverage {
-                Coverage::Center => planes(&self.blocks),
-                Coverage::Touched => Vec::new(),
-            },
+            planes: self.planes(),
             blocks: self.blocks,
             surfaces: self.surfaces,
         })

@@ -13,6 +13,7 @@ use crate::Result;
 const ROW: u32 = 8192;
 /// Bytes of a word.
 const WORD: usize = 16;
+const ROW_BYTES: usize = WORD * ROW as usize;
 
 /// Where tables that are read together lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -104,21 +105,35 @@ impl Words {
             return Ok(Self::Buffer(context.buffer(label, bytes, usage)?));
         }
         context.check(label, |device| {
-            let texture = device.create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d {
-                    width: ROW,
-                    height: bytes.len().div_ceil(WORD * ROW as usize).max(1) as u32,
-                    depth_or_array_layers: 1,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format: wgpu::TextureFormat::Rgba32Uint,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-                view_formats: &[],
-            });
+            let texture = rows_of(device, label, bytes.len() as u64);
             write_rows(context, &texture, bytes);
+            let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+            Self::Texture(texture, view)
+        })
+    }
+
+    /// A table that the device has filled, in a buffer with the usages `STORAGE` and `COPY_SRC`, whose size is a multiple of
+    /// 16 bytes. It is copied where it has to be a texture.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub(super) fn from_buffer(
+        context: &Context,
+        placement: Placement,
+        label: &str,
+        buffer: &wgpu::Buffer,
+    ) -> Result<Self> {
+        debug_assert!(buffer.size().is_multiple_of(WORD as u64), "{label}");
+        context.check_size(label, buffer.size(), placement.limit(context))?;
+        if placement == Placement::Buffers {
+            return Ok(Self::Buffer(buffer.clone()));
+        }
+        context.check(label, |device| {
+            let texture = rows_of(device, label, buffer.size());
+            let mut encoder = device
+                .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
+            copy_rows(&mut encoder, buffer, &texture);
+            context.queue().submit([encoder.finish()]);
             let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
             Self::Texture(texture, view)
         })
@@ -151,9 +166,64 @@ impl Words {
     }
 }
 
+/// A texture that holds so many bytes.
+fn rows_of(device: &wgpu::Device, label: &str, bytes: u64) -> wgpu::Texture {
+    device.create_texture(&wgpu::TextureDescriptor {
+        label: Some(label),
+        size: wgpu::Extent3d {
+            width: ROW,
+            // The caller has seen to it that they are not too many.
+            height: bytes.div_ceil(ROW_BYTES as u64).max(1) as u32,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba32Uint,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    })
+}
+
+/// Copies a buffer to row after row.
+fn copy_rows(encoder: &mut wgpu::CommandEncoder, buffer: &wgpu::Buffer, texture: &wgpu::Texture) {
+    let whole = buffer.size() / ROW_BYTES as u64;
+    let rest = buffer.size() % ROW_BYTES as u64 / WORD as u64;
+    let pieces = [(0, ROW, whole as u32), (whole, rest as u32, 1)];
+    for (first, width, height) in pieces {
+        if width == 0 || height == 0 {
+            continue;
+        }
+        encoder.copy_buffer_to_texture(
+            wgpu::TexelCopyBufferInfo {
+                buffer,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: first * ROW_BYTES as u64,
+                    bytes_per_row: (height > 1).then_some(ROW_BYTES as u32),
+                    rows_per_image: None,
+                },
+            },
+            wgpu::TexelCopyTextureInfo {
+                texture,
+                mip_level: 0,
+                origin: wgpu::Origin3d {
+                    x: 0,
+                    y: first as u32,
+                    z: 0,
+                },
+                aspect: wgpu::TextureAspect::All,
+            },
+            wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: 1,
+            },
+        );
+    }
+}
+
 /// Writes row after row from the first on, in pieces, so that staging memory stays small.
 fn write_rows(context: &Context, texture: &wgpu::Texture, bytes: &[u8]) {
-    const ROW_BYTES: usize = WORD * ROW as usize;
     const PIECE: usize = 512 * ROW_BYTES;
     for (index, piece) in bytes.chunks(PIECE).enumerate() {
         let whole = piece.len() / ROW_BYTES;

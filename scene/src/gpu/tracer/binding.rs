@@ -25,6 +25,36 @@ pub struct TracerBinding {
 /// A table's name and contents, a multiple of 16 bytes.
 pub type TracerTable<'a> = (&'static str, &'a [u8]);
 
+/// What tables are made of.
+enum Tables<'a> {
+    Contents(&'a [TracerTable<'a>]),
+    Filled(&'a [(&'static str, wgpu::Buffer)]),
+}
+
+impl Tables<'_> {
+    fn sizes(&self) -> Vec<(&str, u64)> {
+        match self {
+            Self::Contents(tables) => (tables.iter())
+                .map(|(what, bytes)| (*what, bytes.len() as u64))
+                .collect(),
+            Self::Filled(tables) => (tables.iter())
+                .map(|(what, buffer)| (*what, buffer.size()))
+                .collect(),
+        }
+    }
+
+    fn words(&self, context: &Context, placement: Placement) -> Result<Vec<Words>> {
+        match self {
+            Self::Contents(tables) => (tables.iter())
+                .map(|(what, bytes)| Words::new(context, placement, what, bytes))
+                .collect(),
+            Self::Filled(tables) => (tables.iter())
+                .map(|(what, buffer)| Words::from_buffer(context, placement, what, buffer))
+                .collect(),
+        }
+    }
+}
+
 impl TracerBinding {
     /// Uploads the tables.
     ///
@@ -37,10 +67,30 @@ impl TracerBinding {
         structure: Option<&wgpu::Tlas>,
         tables: &[TracerTable<'_>],
     ) -> Result<Self> {
-        let sizes: Vec<_> = tables
-            .iter()
-            .map(|(what, bytes)| (*what, bytes.len() as u64))
-            .collect();
+        Self::of(context, label, structure, &Tables::Contents(tables))
+    }
+
+    /// Binds tables that the device itself has filled, or fills before the tracer is asked anything: their names, and
+    /// buffers with the usages `STORAGE` and `COPY_SRC` whose sizes are multiples of 16 bytes. Where one is too large to be
+    /// bound it is copied to a texture, from what it holds now.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn from_buffers(
+        context: &Context,
+        label: &'static str,
+        tables: &[(&'static str, wgpu::Buffer)],
+    ) -> Result<Self> {
+        Self::of(context, label, None, &Tables::Filled(tables))
+    }
+
+    fn of(
+        context: &Context,
+        label: &'static str,
+        structure: Option<&wgpu::Tlas>,
+        tables: &Tables<'_>,
+    ) -> Result<Self> {
+        let sizes = tables.sizes();
         let placement = Placement::of(context, &sizes)?;
         let layout = context.check(label, |device| {
             let structure = structure.map(|_| wgpu::BindGroupLayoutEntry {
@@ -52,7 +102,7 @@ impl TracerBinding {
                 count: None,
             });
             let mut entries = Vec::from_iter(structure);
-            for _ in tables {
+            for _ in &sizes {
                 entries.push(placement.layout_entry(entries.len() as u32));
             }
             device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -86,7 +136,27 @@ impl TracerBinding {
             self.placement,
             &self.layout,
             structure,
-            tables,
+            &Tables::Contents(tables),
+        )?;
+        Ok(())
+    }
+
+    /// As [`replace`](Self::replace), of buffers as [`from_buffers`](Self::from_buffers) takes them.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn replace_with_buffers(
+        &mut self,
+        context: &Context,
+        tables: &[(&'static str, wgpu::Buffer)],
+    ) -> Result<()> {
+        (self.group, self.bytes) = fill(
+            context,
+            self.label,
+            self.placement,
+            &self.layout,
+            None,
+            &Tables::Filled(tables),
         )?;
         Ok(())
     }
@@ -121,12 +191,9 @@ fn fill(
     placement: Placement,
     layout: &wgpu::BindGroupLayout,
     structure: Option<&wgpu::Tlas>,
-    tables: &[TracerTable<'_>],
+    tables: &Tables<'_>,
 ) -> Result<(wgpu::BindGroup, u64)> {
-    let tables = tables
-        .iter()
-        .map(|(label, bytes)| Words::new(context, placement, label, bytes))
-        .collect::<Result<Vec<_>>>()?;
+    let tables = tables.words(context, placement)?;
     let resources = structure.map(wgpu::Tlas::as_binding);
     let resources = resources
         .into_iter()
