@@ -1,18 +1,16 @@
 //! A scene on a GPU, and who answers rays there.
 
-use std::sync::Arc;
-
 use anyhow::Result;
 use isophote_ldi::gpu::LdiGpuTracer;
-use isophote_scene::{
-    Scene, Selection,
-    gpu::{
-        AdapterChoice, BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, GpuTracer,
-        RayQueryBoxTracer, RayQueryTracer,
-    },
+use isophote_scene::gpu::{
+    AdapterChoice, BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, GpuTracer,
+    RayQueryBoxTracer, RayQueryTracer,
 };
 
-use crate::tracers::{GpuTracerChoice, TracerArgs};
+use crate::{
+    maps::static_part,
+    tracers::{GpuTracerChoice, Plan},
+};
 
 /// A scene and a tracer on a GPU.
 pub(crate) struct Gpu {
@@ -34,16 +32,14 @@ impl Gpu {
     /// Opens an adapter, by a part of its name or the fastest there is, and builds the tracer on it.
     pub(crate) fn build(
         choice: GpuTracerChoice,
-        args: TracerArgs,
         adapter: Option<&str>,
-        scene: &Arc<Scene>,
-        selection: &Selection,
+        plan: &Plan<'_>,
     ) -> Result<Self> {
         let adapter = adapter.map_or(AdapterChoice::Any, |name| AdapterChoice::Named(name.into()));
         let context = Context::open(&adapter)?;
-        let (tracer, bytes) = build(choice, args, &context, scene, selection)?;
+        let (tracer, bytes) = build(choice, &context, plan)?;
         Ok(Self {
-            scene: GpuScene::new(&context, scene)?,
+            scene: GpuScene::new(&context, plan.scene)?,
             context,
             tracer,
             bytes: bytes as usize,
@@ -61,28 +57,42 @@ impl Gpu {
 /// A tracer, and the bytes its own structures hold.
 pub(crate) fn build(
     choice: GpuTracerChoice,
-    args: TracerArgs,
     context: &Context,
-    scene: &Arc<Scene>,
-    selection: &Selection,
+    plan: &Plan<'_>,
 ) -> Result<(Box<dyn GpuTracer>, u64)> {
     match choice {
-        GpuTracerChoice::ComputeBvh => boxed::<ComputeBvhTracer>(context, scene, selection, &()),
-        GpuTracerChoice::RayQuery => boxed::<RayQueryTracer>(context, scene, selection, &()),
-        GpuTracerChoice::Boxes => boxed::<RayQueryBoxTracer>(context, scene, selection, &()),
-        GpuTracerChoice::Ldi => {
-            boxed::<LdiGpuTracer>(context, scene, selection, &args.ldi.params())
-        }
+        GpuTracerChoice::ComputeBvh => boxed::<ComputeBvhTracer>(context, plan, &()),
+        GpuTracerChoice::RayQuery => boxed::<RayQueryTracer>(context, plan, &()),
+        GpuTracerChoice::Boxes => boxed::<RayQueryBoxTracer>(context, plan, &()),
+        GpuTracerChoice::Ldi => maps(context, plan),
     }
 }
 
 fn boxed<T: BuildGpuTracer + 'static>(
     context: &Context,
-    scene: &Arc<Scene>,
-    selection: &Selection,
+    plan: &Plan<'_>,
     options: &T::Options,
 ) -> Result<(Box<dyn GpuTracer>, u64)> {
-    let tracer = T::build(context, scene, selection, options)?;
+    let tracer = T::build(context, plan.scene, plan.selection, options)?;
+    let bytes = tracer.bytes();
+    Ok((Box::new(tracer), bytes))
+}
+
+/// Maps of what does not move.
+fn maps(context: &Context, plan: &Plan<'_>) -> Result<(Box<dyn GpuTracer>, u64)> {
+    let (args, selection) = (&plan.args.ldi, static_part(plan));
+    let tracer = if args.has_file() {
+        let built = args.maps(plan)?;
+        LdiGpuTracer::from_maps(
+            context,
+            plan.scene,
+            &selection,
+            built.params(),
+            built.maps(),
+        )?
+    } else {
+        LdiGpuTracer::build(context, plan.scene, &selection, &args.params())?
+    };
     let bytes = tracer.bytes();
     Ok((Box::new(tracer), bytes))
 }

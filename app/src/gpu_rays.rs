@@ -1,14 +1,12 @@
 //! Rays traced on a GPU.
 
-use std::sync::Arc;
-
 use anyhow::Result;
-use isophote_scene::{Hit, Ray, Scene, Selection, gpu::RayBatch};
+use isophote_scene::{Hit, Ray, gpu::RayBatch};
 
 use crate::{
     gpu::Gpu,
     output::timed,
-    tracers::{GpuTracerChoice, TracerArgs},
+    tracers::{GpuTracerChoice, Plan},
 };
 
 /// A scene and a tracer on a GPU, ready for rays.
@@ -30,12 +28,10 @@ impl GpuRays {
     /// As [`Gpu::build`].
     pub(crate) fn build(
         choice: GpuTracerChoice,
-        args: TracerArgs,
         adapter: Option<&str>,
-        scene: &Arc<Scene>,
-        selection: &Selection,
+        plan: &Plan<'_>,
     ) -> Result<Self> {
-        let gpu = Gpu::build(choice, args, adapter, scene, selection)?;
+        let gpu = Gpu::build(choice, adapter, plan)?;
         let mut rays = Self {
             batch: RayBatch::new(&gpu.context, &gpu.scene, &*gpu.tracer)?,
             gpu,

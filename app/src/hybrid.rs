@@ -3,17 +3,122 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Context, Result, bail};
+use clap::{Args, ValueEnum};
 use glam::Vec3;
-use isophote_ldi::{Hybrid, HybridParams, Stages};
+use isophote_ldi::{Hybrid, HybridParams, Shadows, Stages};
 use isophote_scene::{
     Scene,
-    reference::{Estimate, Layers, Progress, Quantity, Render},
+    reference::{Estimate, Layers, Normals, Progress, Quantity, Render},
 };
 
-use crate::reference::{Ground, Made, Order};
+use crate::{
+    reference::{Ground, Made, Order},
+    values,
+};
+
+/// Quantities that it knows. `path` is direct light and one bounce.
+const QUANTITIES: [Quantity; 3] = [Quantity::Direct, Quantity::Indirect, Quantity::Path];
+/// Surfaces that its light paths meet.
+pub(crate) const BOUNCES: u32 = 2;
+/// Layers of the picture beside the quantities.
+pub(crate) const STAGES: u64 = 5;
+/// What a sample takes while it is worked on, bytes.
+pub(crate) const SAMPLE_BYTES: u64 = 512;
+
+/// How the technique `ldi` makes pictures; the defaults are the paper's.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "The technique ldi")]
+pub(crate) struct HybridArgs {
+    /// Samples a pixel, 1 or 4; what meets the same triangle is shaded once
+    #[arg(long, value_name = "1|4", default_value_t = 1, value_parser = values::one_or_four)]
+    pub(crate) ldi_samples: u32,
+    /// Diffuse rays a pixel
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
+    ldi_diffuse_rays: u32,
+    /// Glossy rays a pixel; mirrors take one
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
+    ldi_glossy_rays: u32,
+    /// Shadow rays a pixel towards the lights
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
+    ldi_light_rays: u32,
+    /// Who answers the shadow rays of what the camera sees
+    #[arg(long, value_enum, value_name = "TRACER", default_value = "exact")]
+    ldi_shadows: ShadowsChoice,
+    /// Width of the Gaussian over the diffuse light that bounced, odd; 1 does not filter [pixels]
+    #[arg(long, value_name = "PIXELS", default_value_t = 11, value_parser = values::odd)]
+    ldi_filter_width: u32,
+    /// Width of the Gaussian over the light straight from the lights, odd; 1 does not filter [pixels]
+    #[arg(long, value_name = "PIXELS", default_value_t = 1, value_parser = values::odd)]
+    ldi_light_filter_width: u32,
+    /// Standard deviation of both [pixels]
+    #[arg(long, value_name = "PIXELS", default_value_t = 2.0, value_parser = values::sigma)]
+    ldi_filter_sigma: f32,
+    /// Where both end
+    #[arg(long, value_enum, value_name = "WHERE", default_value = "edges")]
+    ldi_filter_stops: Stops,
+    /// The mip level of textures where secondary rays hit
+    #[arg(long, value_name = "LEVEL", default_value_t = 3.0, value_parser = values::level)]
+    ldi_texture_level: f32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ShadowsChoice {
+    /// The exact tracer: sharp, and with everything in it
+    Exact,
+    /// The tracer of the secondary rays; what moves is not in maps and casts no shadow then
+    Tracer,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Stops {
+    /// At edges of depth and normal
+    Edges,
+    /// Nowhere, as in the paper
+    Nowhere,
+}
+
+impl HybridArgs {
+    fn params(&self, order: &Order<'_>) -> HybridParams {
+        let default = HybridParams::default();
+        HybridParams {
+            samples: self.ldi_samples,
+            diffuse_rays: self.ldi_diffuse_rays,
+            glossy_rays: self.ldi_glossy_rays,
+            light_rays: self.ldi_light_rays,
+            shadows: match self.ldi_shadows {
+                ShadowsChoice::Exact => Shadows::Exact,
+                ShadowsChoice::Tracer => Shadows::Secondary,
+            },
+            filter_width: self.ldi_filter_width,
+            light_filter_width: self.ldi_light_filter_width,
+            filter_sigma: self.ldi_filter_sigma,
+            edges: match self.ldi_filter_stops {
+                Stops::Edges => default.edges,
+                Stops::Nowhere => None,
+            },
+            texture_level: self.ldi_texture_level,
+            materials: order.settings.materials,
+            seed: order.settings.seed,
+        }
+    }
+}
+
+/// Refuses what the technique does not know.
+pub(crate) fn check(quantities: &[Quantity]) -> Result<()> {
+    for quantity in quantities {
+        if !QUANTITIES.contains(quantity) {
+            bail!(
+                "the technique ldi knows direct, indirect and path (both together), but not {quantity}: leave out \
+                 --quantity, or --technique"
+            );
+        }
+    }
+    Ok(())
+}
 
 /// Renders a scene, which must be that of the tracer.
 pub(crate) fn render(
+    args: &HybridArgs,
     scene: &Scene,
     ground: &Ground,
     order: Order<'_>,
@@ -22,19 +127,7 @@ pub(crate) fn render(
     let tracers = ground
         .on_cpu()
         .context("the technique ldi runs on the CPU: leave out --device gpu and --adapter")?;
-    let params = HybridParams {
-        materials: order.settings.materials,
-        seed: order.settings.seed,
-        ..HybridParams::default()
-    };
-    for &quantity in order.quantities {
-        if ![Quantity::Direct, Quantity::Indirect].contains(&quantity) {
-            bail!(
-                "the technique ldi knows direct and indirect, but not {quantity}: give --quantity direct,indirect"
-            );
-        }
-    }
-    let hybrid = Hybrid::new(scene, tracers, &params)?;
+    let hybrid = Hybrid::new(scene, tracers, &args.params(&order))?;
     let stages = hybrid.render(order.camera, order.size, progress)?;
     let estimate = |&quantity| Estimate {
         quantity,
@@ -42,15 +135,21 @@ pub(crate) fn render(
         // There are no two halves.
         noise: f32::NAN,
     };
-    let normals = order.settings.normals;
+    let exact = tracers.exact;
+    let layers = Layers::of(scene, exact, order.camera, order.size, Normals::Smooth);
     let render = Render {
         size: order.size,
         estimates: order.quantities.iter().map(estimate).collect(),
-        layers: Layers::of(scene, tracers.exact, order.camera, order.size, normals),
+        layers,
         rays: stages.rays(),
     };
     Ok(Made {
         render,
+        stages: stages
+            .layers()
+            .map(|(name, values)| (name, values.to_vec()))
+            .into(),
+        passes: stages.passes,
         gpu_seconds: BTreeMap::new(),
     })
 }
@@ -59,8 +158,9 @@ fn values(stages: &Stages, quantity: Quantity) -> Vec<Vec3> {
     let bounced = stages.diffuse.iter().zip(&stages.glossy);
     match quantity {
         Quantity::Direct => stages.direct.clone(),
-        _ => bounced
+        Quantity::Indirect => bounced
             .map(|(&diffuse, &glossy)| diffuse + glossy)
             .collect(),
+        _ => stages.picture.clone(),
     }
 }

@@ -5,6 +5,7 @@
     reason = "the comments of arguments are their help texts, in which [metres] is a unit"
 )]
 
+mod applies;
 mod compare;
 mod devices;
 mod display;
@@ -14,6 +15,7 @@ mod gpu;
 mod gpu_rays;
 mod hybrid;
 mod info;
+mod maps;
 mod metrics;
 mod npy;
 mod output;
@@ -27,6 +29,7 @@ mod tracers;
 mod values;
 
 use std::{
+    collections::BTreeMap,
     ffi::OsString,
     io::{self, Write},
     path::Path,
@@ -36,6 +39,8 @@ use std::{
 use anyhow::{Context, Result, ensure};
 use clap::{ArgMatches, Command, CommandFactory, FromArgMatches, Parser, Subcommand};
 use isophote_scene::{Image, builtin};
+
+use crate::applies::Idle;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -84,7 +89,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(mut arguments: Vec<OsString>) -> Result<ExitCode> {
+fn run(arguments: Vec<OsString>) -> Result<ExitCode> {
     let command = Cli::command();
     let mut matches = match parse(&command, &arguments) {
         Ok(matches) => matches,
@@ -93,25 +98,39 @@ fn run(mut arguments: Vec<OsString>) -> Result<ExitCode> {
     if let Some(("render", given)) = matches.subcommand()
         && let Some(path) = given.get_one::<std::path::PathBuf>("settings")
     {
-        arguments.extend(stored_arguments(&command, given, path)?);
-        matches = match parse(&command, &arguments) {
+        let header = stored_header(path)?;
+        let render = subcommand(&command, "render")?;
+        let with = |idle: &[Idle]| {
+            let stored = settings::repeat(render, given, &header, idle);
+            parse(&command, &[&arguments[..], &stored[..]].concat())
+        };
+        // Which of the stored settings have an effect is only known beside the given ones.
+        let all = match with(&[]) {
+            Ok(matches) => matches,
+            Err(error) => return refuse(&error),
+        };
+        let idle = match Cli::from_arg_matches(&all)?.command {
+            Commands::Render(args) => args.idle(),
+            _ => Vec::new(),
+        };
+        matches = match with(&idle) {
             Ok(matches) => matches,
             Err(error) => return refuse(&error),
         };
     }
     let cli = Cli::from_arg_matches(&matches)?;
+    let (name, given) = matches.subcommand().context("there is no command")?;
     match &cli.command {
         Commands::Render(args) => {
             use_threads(args.threads)?;
-            let stored = match matches.subcommand() {
-                Some((name, given)) => settings::store(subcommand(&command, name)?, given),
-                None => Default::default(),
-            };
+            let idle = args.idle();
+            applies::refuse(&idle, given)?;
+            let stored = settings::store(subcommand(&command, name)?, given, &idle);
             render::render(args, stored)?;
         }
         Commands::Trace(args) => {
             use_threads(args.threads)?;
-            trace::trace(args)?;
+            trace::trace(args, given)?;
         }
         Commands::Compare(args) => return compare::compare(args),
         Commands::Info(args) => info::info(args)?,
@@ -124,19 +143,15 @@ fn parse(command: &Command, arguments: &[OsString]) -> clap::error::Result<ArgMa
     command.clone().try_get_matches_from(arguments)
 }
 
-/// The settings in a picture's header as arguments of `render`.
-fn stored_arguments(command: &Command, given: &ArgMatches, path: &Path) -> Result<Vec<OsString>> {
+/// The settings in a picture's header.
+fn stored_header(path: &Path) -> Result<BTreeMap<String, String>> {
     let header = Image::load(path).context("--settings")?.attributes;
     ensure!(
         header.contains_key("technique"),
         "--settings: {}: holds no settings of `isophote render`",
         path.display()
     );
-    Ok(settings::repeat(
-        subcommand(command, "render")?,
-        given,
-        &header,
-    ))
+    Ok(header)
 }
 
 fn subcommand<'a>(command: &'a Command, name: &str) -> Result<&'a Command> {

@@ -3,10 +3,11 @@
 use std::{
     io::{self, Write},
     path::Path,
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 use anyhow::{Context, Result};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressFinish, ProgressStyle};
 use serde::Serialize;
 
 /// Writes text to standard output.
@@ -33,10 +34,6 @@ impl Voice {
         Self { quiet }
     }
 
-    pub(crate) fn is_quiet(self) -> bool {
-        self.quiet
-    }
-
     /// Something chosen for the user.
     pub(crate) fn note(self, text: impl std::fmt::Display) {
         self.say("note", &text);
@@ -47,11 +44,40 @@ impl Voice {
         self.say("warning", &text);
     }
 
+    /// How far work is, on standard error; indicatif hides it where that is no terminal.
+    pub(crate) fn bar(self) -> ProgressBar {
+        let bar = ProgressBar::with_draw_target(Some(0), self.target());
+        styled(bar, "{wide_bar} {percent:>3} %  {elapsed}, {eta} left")
+    }
+
+    /// That there is work whose end is not known; gone when it is dropped.
+    pub(crate) fn wheel(self, what: &'static str) -> ProgressBar {
+        let bar = ProgressBar::with_draw_target(None, self.target());
+        let bar = styled(bar, "{spinner} {msg}, {elapsed}").with_message(what);
+        bar.enable_steady_tick(Duration::from_millis(200));
+        bar.with_finish(ProgressFinish::AndClear)
+    }
+
+    fn target(self) -> ProgressDrawTarget {
+        if self.quiet {
+            ProgressDrawTarget::hidden()
+        } else {
+            ProgressDrawTarget::stderr()
+        }
+    }
+
     fn say(self, kind: &str, text: &dyn std::fmt::Display) {
         if !self.quiet {
             // Nobody listens: no reason to stop the work.
             let _ = writeln!(io::stderr(), "{kind}: {text}");
         }
+    }
+}
+
+fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
+    match ProgressStyle::with_template(template) {
+        Ok(style) => bar.with_style(style),
+        Err(_) => bar,
     }
 }
 

@@ -1,17 +1,19 @@
 //! The reference integrators with a tracer from the command line, on the CPU or on a GPU.
 
-use std::{collections::BTreeMap, sync::Arc};
+use std::collections::BTreeMap;
 
 use anyhow::Result;
 #[cfg(not(feature = "gpu"))]
 use anyhow::bail;
+use glam::Vec3;
+use isophote_ldi::Pass;
 #[cfg(feature = "gpu")]
 use isophote_scene::{
     Answers,
     gpu::{self, GpuTracer},
 };
 use isophote_scene::{
-    Camera, Scene, Selection, Tracer,
+    Camera, Scene, Tracer,
     reference::{self, Progress, Quantity, Render, Settings, Tracers},
 };
 
@@ -21,8 +23,9 @@ use crate::{
     tracers::GpuTracerChoice,
 };
 use crate::{
+    maps::MapsInfo,
     output::device,
-    tracers::{BuiltTracer, Choice, TracerArgs, TracerChoice},
+    tracers::{BuiltTracer, Choice, Plan, TracerChoice},
 };
 
 /// A tracer that is ready, where it runs.
@@ -49,36 +52,33 @@ pub(crate) struct Order<'a> {
     pub(crate) settings: &'a Settings,
 }
 
-/// A picture, and how long each pass took by the GPU's clock.
+/// A picture, what else is to be seen of how it was made, and how long each pass took by the GPU's clock.
 pub(crate) struct Made {
     pub(crate) render: Render,
+    /// RGB by the names of layers.
+    pub(crate) stages: Vec<(&'static str, Vec<Vec3>)>,
+    pub(crate) passes: Vec<Pass>,
     pub(crate) gpu_seconds: BTreeMap<String, f64>,
 }
 
 impl Ground {
     /// Builds the tracer; `adapter` is a part of a GPU's name.
-    pub(crate) fn build(
-        choice: Choice,
-        args: TracerArgs,
-        adapter: Option<&str>,
-        scene: &Arc<Scene>,
-        selection: &Selection,
-    ) -> Result<Self> {
+    pub(crate) fn build(choice: Choice, adapter: Option<&str>, plan: &Plan<'_>) -> Result<Self> {
         match choice {
             Choice::Cpu(choice) => Ok(Self::Cpu {
-                built: choice.build(args, scene, selection)?,
+                built: choice.build(plan)?,
                 exact: match choice {
-                    TracerChoice::Ldi => Some(TracerChoice::Bvh.build(args, scene, selection)?),
+                    TracerChoice::Ldi => Some(TracerChoice::Bvh.build(plan)?),
                     TracerChoice::Bvh | TracerChoice::BruteForce => None,
                 },
             }),
             #[cfg(feature = "gpu")]
             Choice::Gpu(choice) => {
-                let gpu = Gpu::build(choice, args, adapter, scene, selection)?;
+                let gpu = Gpu::build(choice, adapter, plan)?;
                 let exact =
                     if choice == GpuTracerChoice::Ldi || gpu.tracer.answers() < Answers::Surface {
                         let bvh = GpuTracerChoice::ComputeBvh;
-                        Some(build(bvh, args, &gpu.context, scene, selection)?.0)
+                        Some(build(bvh, &gpu.context, plan)?.0)
                     } else {
                         None
                     };
@@ -112,6 +112,15 @@ impl Ground {
         }
     }
 
+    /// The tracer's maps, where it has any on the CPU.
+    pub(crate) fn maps(&self) -> Option<&MapsInfo> {
+        match self {
+            Self::Cpu { built, .. } => built.maps.as_ref(),
+            #[cfg(feature = "gpu")]
+            Self::Gpu { .. } => None,
+        }
+    }
+
     /// What computes.
     pub(crate) fn device(&self) -> String {
         match self {
@@ -142,6 +151,8 @@ impl Ground {
                 )?;
                 Ok(Made {
                     render,
+                    stages: Vec::new(),
+                    passes: Vec::new(),
                     gpu_seconds: BTreeMap::new(),
                 })
             }
@@ -189,6 +200,8 @@ fn on_gpu(
     let times = integrator.take_times().into_iter();
     Ok(Made {
         render,
+        stages: Vec::new(),
+        passes: Vec::new(),
         gpu_seconds: times
             .map(|pass| (pass.name, pass.time.as_secs_f64()))
             .collect(),

@@ -4,7 +4,8 @@ use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
 
 use anyhow::{Result, ensure};
 use clap::{Args, ValueEnum};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use glam::Vec3;
+use isophote_ldi::Pass;
 use isophote_scene::{
     Camera, Image, Scene, Selection, check_writable,
     reference::{Materials, Normals, Quantity, Render, Settings},
@@ -12,20 +13,23 @@ use isophote_scene::{
 use serde::Serialize;
 
 use crate::{
-    hybrid,
+    applies::{Idle, ids},
+    hybrid::{self, HybridArgs},
+    maps::MapsInfo,
     output::{
         PROGRAM, Program, Voice, has_suffix, memory_available_bytes, memory_peak_bytes, print_json,
         timed,
     },
     reference::{Ground, Made, Order},
-    scene_args::{SceneArgs, choose_camera, require_geometry, require_light},
-    tracers::{AnyTracer, Device, TracerArgs, choose},
+    scene_args::{SceneArgs, choose_camera, note_moving, require_geometry, require_light},
+    tracers::{AnyTracer, Device, Plan, TracerArgs, choose},
     values,
 };
 
 const EXAMPLES: &str = "\
 An .exr file keeps linear light in 32-bit floats: the picture in R, G, B when one quantity is asked for, a layer for \
-each (ao.R, direct.R, …) when there are several, and always albedo, normal, position, depth, primitive and instance. \
+each (ao.R, direct.R, …) when there are several, and always albedo, normal, position, depth, primitive and instance; \
+with --technique ldi also its stages: direct, diffuse, glossy, irradiance.indirect and irradiance.noisy. \
 Its header holds every setting and the picture's own noise (relRMSE). A .png file is for looking at: every quantity, \
 ao too, is multiplied with 2^exposure and shown as sRGB.
 
@@ -35,6 +39,8 @@ Examples:
   isophote render hall.glb --quantity direct,indirect,path --materials lambert --size 1280x720 -o hall.exr
   isophote render --settings hall.exr --seed 2 -o again.exr   (with another seed)
   isophote render hall.glb --device gpu --tracer ray-query --spp 1024 -o hall.exr
+  isophote render hall.glb --technique ldi --ldi-samples 4 -o hall.exr -o hall.png   (direct light and one bounce)
+  isophote render hall.glb --technique ldi --ldi-layers center --ldi-exact 15% --ldi-save hall.maps -o hall.exr
   isophote render room.obj --environment sky.hdr --add bunny.glb@0,0.8,0,0.5,30 -o room.png --exposure 1";
 
 /// Render a scene.
@@ -56,10 +62,8 @@ pub(crate) struct RenderArgs {
     /// A part of the name of the GPU to use; the fastest unless given (`isophote devices` lists them)
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
-    #[command(flatten)]
-    tracer_args: TracerArgs,
     /// What to calculate: ao, obscurance, direct, indirect, path, irradiance.direct, irradiance.indirect or
-    /// irradiance.path; several with commas
+    /// irradiance.path; several with commas. The technique ldi knows direct, indirect, and path with 2 bounces
     #[arg(
         long,
         value_name = "NAME[,…]",
@@ -113,6 +117,10 @@ pub(crate) struct RenderArgs {
     #[arg(short, long)]
     quiet: bool,
     #[command(flatten)]
+    tracer_args: TracerArgs,
+    #[command(flatten)]
+    hybrid: HybridArgs,
+    #[command(flatten)]
     changes: SceneArgs,
 }
 
@@ -124,8 +132,8 @@ type Size = [u32; 2];
 enum Technique {
     /// Path tracing: the right answer, given enough samples
     Reference,
-    /// Layered depth images: direct light and one bounce of 8 diffuse and 16 glossy rays a pixel, filtered; on the CPU,
-    /// by the tracer ldi unless another is given. Rays do not depend on --spp
+    /// Layered depth images: direct light and one bounce of few diffuse and glossy rays a pixel, filtered; on the CPU,
+    /// by the tracer ldi unless another is given
     Ldi,
 }
 
@@ -156,6 +164,11 @@ struct Report<'a> {
     triangles: usize,
     tracer_bytes: usize,
     seconds: Seconds,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    maps: Option<&'a MapsInfo>,
+    /// What each stage took, of techniques that have some.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    passes: Vec<PassReport>,
     rays: u64,
     rays_per_second: f64,
     /// By pass and the GPU's own clock, where it has one.
@@ -166,6 +179,15 @@ struct Report<'a> {
     memory_peak_bytes: Option<u64>,
 }
 
+#[derive(Serialize)]
+struct PassReport {
+    name: &'static str,
+    rays: u64,
+    /// Towards lights, from what the rays of the stage hit.
+    shadow_rays: u64,
+    seconds: f64,
+}
+
 #[derive(Default, Serialize)]
 struct Seconds {
     load: f64,
@@ -174,16 +196,39 @@ struct Seconds {
     write: f64,
 }
 
-/// Renders; `settings` are all of the command's settings by name, for the header.
+impl RenderArgs {
+    /// Flags that have no effect beside the others.
+    pub(crate) fn idle(&self) -> Vec<Idle> {
+        let mut idle = self.tracer_args.idle(self.tracer());
+        match self.technique {
+            Technique::Reference => {
+                idle.extend(Idle::all(ids::<HybridArgs>(), "it is for --technique ldi"));
+            }
+            Technique::Ldi => {
+                let of_reference = ["d_max", "min_d", "normals", "path_bounces"];
+                let why = "the technique ldi does not know it";
+                idle.extend(Idle::all(of_reference, why));
+                let why = "the technique ldi counts rays: --ldi-diffuse-rays, --ldi-glossy-rays, --ldi-light-rays";
+                idle.extend(Idle::all(["spp"], why));
+            }
+        }
+        idle
+    }
+
+    fn tracer(&self) -> Option<AnyTracer> {
+        match self.technique {
+            Technique::Reference => self.tracer,
+            Technique::Ldi => self.tracer.or(Some(AnyTracer::Ldi)),
+        }
+    }
+}
+
+/// Renders; `settings` are the command's settings by name, for the header.
 pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) -> Result<()> {
     let voice = Voice::new(args.quiet);
     check_settings(args)?;
     check_memory(args)?;
-    let tracer = match args.technique {
-        Technique::Reference => args.tracer,
-        Technique::Ldi => args.tracer.or(Some(AnyTracer::Ldi)),
-    };
-    let choice = choose(args.device, tracer, args.adapter.as_deref())?;
+    let choice = choose(args.device, args.tracer(), args.adapter.as_deref())?;
     args.tracer_args.check(choice)?;
     settings.insert("tracer".into(), choice.name());
     let mut seconds = Seconds::default();
@@ -196,28 +241,42 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
     let camera = choose_camera(&scene, args.camera.as_deref(), voice)?;
     settings.insert("camera".into(), camera.name.clone());
     let scene = Arc::new(scene);
+    note_moving(&scene, args.tracer(), voice);
     let selection = Selection {
         bounds: args.changes.bounds(),
         ..Selection::default()
     };
-    let adapter = args.adapter.as_deref();
-    let (ground, time) =
-        timed(|| Ground::build(choice, args.tracer_args, adapter, &scene, &selection));
+    let plan = Plan {
+        args: &args.tracer_args,
+        scene: &scene,
+        selection: &selection,
+        camera: &camera,
+    };
+    let (ground, time) = timed(|| {
+        let _wheel = voice.wheel("building the tracer");
+        Ground::build(choice, args.adapter.as_deref(), &plan)
+    });
     let ground = ground?;
     seconds.build = time;
+    for (name, value) in ground.maps().iter().flat_map(|maps| maps.settings()) {
+        settings.insert(name.into(), value);
+    }
+    if args.technique == Technique::Ldi {
+        settings.insert("path-bounces".into(), hybrid::BOUNCES.to_string());
+    }
     let (made, time) = timed(|| make(args, &scene, &ground, &camera, voice));
-    let Made {
-        render,
-        gpu_seconds,
-    } = made?;
+    let made = made?;
     seconds.render = time;
-    let noise: BTreeMap<String, f32> = render
+    let noise: BTreeMap<String, f32> = made
+        .render
         .estimates
         .iter()
         .map(|estimate| (estimate.quantity.to_string(), estimate.noise))
         .collect();
     let device = ground.device();
-    let (rays, picture) = (render.rays, picture(render, &settings, &device));
+    let rays = made.render.rays;
+    let (passes, gpu_seconds) = (made.passes, made.gpu_seconds);
+    let picture = picture(made.render, made.stages, &settings, &device);
     let (written, time) = timed(|| write(args, &picture, voice));
     written?;
     seconds.write = time;
@@ -232,6 +291,8 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
         settings: &settings,
         triangles: scene.triangle_count(),
         tracer_bytes: ground.bytes(),
+        maps: ground.maps(),
+        passes: passes.into_iter().map(PassReport::from).collect(),
         rays,
         rays_per_second: rays as f64 / seconds.render,
         seconds,
@@ -239,6 +300,23 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
         noise,
         memory_peak_bytes: memory_peak_bytes(),
     })
+}
+
+impl From<Pass> for PassReport {
+    fn from(pass: Pass) -> Self {
+        let Pass {
+            name,
+            rays,
+            shadow_rays,
+            seconds,
+        } = pass;
+        Self {
+            name,
+            rays,
+            shadow_rays,
+            seconds,
+        }
+    }
 }
 
 /// Hours of work must not end at a file that cannot be written, or at two settings that do not go together.
@@ -256,6 +334,9 @@ fn check_settings(args: &RenderArgs) -> Result<()> {
             args.quantity.len()
         );
         check_writable(path)?;
+    }
+    if args.technique == Technique::Ldi {
+        hybrid::check(&args.quantity)?;
     }
     ensure!(
         args.d_max.is_finite() || !args.quantity.contains(&Quantity::Obscurance),
@@ -277,11 +358,16 @@ fn check_memory(args: &RenderArgs) -> Result<()> {
         u64::from(width) * u64::from(height),
         args.quantity.len() as u64,
     );
-    // The channels of the file: RGB of each quantity and of three layers, and depth, primitive, instance.
-    let channels = 3 * quantities + 12;
+    let (stages, samples) = match args.technique {
+        Technique::Reference => (0, 0),
+        Technique::Ldi => (hybrid::STAGES, u64::from(args.hybrid.ldi_samples)),
+    };
+    // The channels of the file: RGB of each quantity, stage and of three layers, and depth, primitive, instance.
+    let channels = 3 * (quantities + stages) + 12;
     let file = pixels * 4 * channels;
     // They are held three times while they are written; before, two halves and their mean.
-    let needed = 3 * file.max(pixels * 12 * quantities + pixels * 48);
+    let needed = 3 * file.max(pixels * 12 * quantities + pixels * 48)
+        + samples * pixels * hybrid::SAMPLE_BYTES;
     let gibibytes = |bytes: u64| bytes as f64 / f64::from(1 << 30);
     ensure!(
         file <= Image::MAX_BYTES,
@@ -322,7 +408,7 @@ fn make(
         seed: args.seed,
         path_bounces: args.path_bounces,
     };
-    let bar = progress_bar(voice);
+    let bar = voice.bar();
     let advance = |done: u64, total: u64| {
         bar.set_length(total);
         bar.set_position(bar.position().max(done));
@@ -335,29 +421,19 @@ fn make(
     };
     let made = match args.technique {
         Technique::Reference => ground.render(scene, order, &advance),
-        Technique::Ldi => hybrid::render(scene, ground, order, &advance),
+        Technique::Ldi => hybrid::render(&args.hybrid, scene, ground, order, &advance),
     };
     bar.finish_and_clear();
     made
 }
 
-/// On standard error; indicatif hides it where that is no terminal.
-fn progress_bar(voice: Voice) -> ProgressBar {
-    let target = if voice.is_quiet() {
-        ProgressDrawTarget::hidden()
-    } else {
-        ProgressDrawTarget::stderr()
-    };
-    let style = ProgressStyle::with_template("{wide_bar} {percent:>3} %  {elapsed}, {eta} left");
-    let bar = ProgressBar::with_draw_target(Some(0), target);
-    match style {
-        Ok(style) => bar.with_style(style),
-        Err(_) => bar,
-    }
-}
-
-/// The file's image: quantities, layers, and the header.
-fn picture(render: Render, settings: &BTreeMap<String, String>, device: &str) -> Image {
+/// The file's image: quantities, stages, layers, and the header.
+fn picture(
+    render: Render,
+    stages: Vec<(&'static str, Vec<Vec3>)>,
+    settings: &BTreeMap<String, String>,
+    device: &str,
+) -> Image {
     let [width, height] = render.size;
     let mut image = Image::new(width, height);
     image.attributes.clone_from(settings);
@@ -373,6 +449,12 @@ fn picture(render: Render, settings: &BTreeMap<String, String>, device: &str) ->
         // With one sample there are no two halves to tell.
         if estimate.noise.is_finite() {
             image.attributes.insert(noise, estimate.noise.to_string());
+        }
+    }
+    for (name, values) in stages {
+        // A quantity may have the name of a stage, and then it is that stage.
+        if image.channel(&format!("{name}.R")).is_none() {
+            image.push_layer(name, "RGB", &values);
         }
     }
     let layers = render.layers;

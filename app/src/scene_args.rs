@@ -1,17 +1,21 @@
 //! The scene on the command line: where it comes from and what is changed in it.
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use glam::Vec3;
 use isophote_scene::{
-    Aabb, Camera, Environment, EnvironmentMap, Image, InstanceMask, LightKind, LoadOptions, Scene,
-    builtin, load_with,
+    Aabb, Camera, Environment, EnvironmentMap, Image, InstanceMask, LightKind, LoadOptions,
+    Material, Mesh, Scene, builtin, load_with,
 };
 
 use crate::{
     output::Voice,
+    tracers::AnyTracer,
     values::{self, Addition, Bounds, EnvironmentChoice, MaterialOverride},
 };
 
@@ -19,8 +23,9 @@ use crate::{
 #[derive(Args, Debug)]
 #[command(next_help_heading = "Changes to the scene")]
 pub(crate) struct SceneArgs {
-    /// Give a material these values, both 0..1, instead of its own and its texture's; may be repeated
-    #[arg(long, value_name = "NAME=METALLIC,ROUGHNESS", value_parser = values::material)]
+    /// Give a material, or all of an object, these values, 0..1, instead of their own and their textures'; may be
+    /// repeated
+    #[arg(long, value_name = "NAME=METALLIC,ROUGHNESS[,R,G,B]", value_parser = values::material)]
     material: Vec<MaterialOverride>,
     /// Make every point light a sphere of this radius, which softens its shadows [metres]
     #[arg(long, value_name = "METRES", value_parser = values::not_negative)]
@@ -28,9 +33,9 @@ pub(crate) struct SceneArgs {
     /// Light from outside: a radiance [W/(sr·m²)] from everywhere, or a panorama (.exr or .hdr, its middle towards −Z)
     #[arg(long, value_name = "FILE|R,G,B", value_parser = values::environment, allow_hyphen_values = true)]
     environment: Option<EnvironmentChoice>,
-    /// Put the objects of another scene at a place, without its lights and cameras [metres, degrees about +Y]; may be
-    /// repeated. ':moving' marks them as not static
-    #[arg(long, value_name = "FILE@X,Y,Z[,SCALE[,YAW]][:moving]", value_parser = values::addition)]
+    /// Put the objects of another scene, or the one of that name, at a place, without its lights and cameras [metres,
+    /// degrees about +Y]; may be repeated. ':moving' marks them as not static
+    #[arg(long, value_name = "FILE[#OBJECT]@X,Y,Z[,SCALE[,YAW]][:moving]", value_parser = values::addition)]
     add: Vec<Addition>,
     /// The part of the scene that tracers hold: what suits the tracer (exact ones hold everything), everything, or
     /// what touches a box [metres]
@@ -99,7 +104,10 @@ impl SceneArgs {
     }
 
     fn add(&self, scene: &mut Scene, addition: &Addition) -> Result<()> {
-        let other = self.load_one(&addition.scene)?;
+        let mut other = self.load_one(&addition.scene)?;
+        if let Some(object) = &addition.object {
+            keep_object(&mut other, &addition.scene, object)?;
+        }
         ensure!(
             !other.instances.is_empty(),
             "{}: has no geometry to add",
@@ -122,6 +130,18 @@ pub(crate) fn require_geometry(scene: &Scene, name: &str) -> Result<()> {
         "{name}: has no geometry: nothing to trace"
     );
     Ok(())
+}
+
+/// Says what the maps of the tracer `ldi` do not hold.
+pub(crate) fn note_moving(scene: &Scene, tracer: Option<AnyTracer>, voice: Voice) {
+    let instances = scene.instances.iter();
+    let moving = instances.filter(|one| !one.mask.contains(InstanceMask::STATIC));
+    let count = moving.count();
+    if count > 0 && tracer == Some(AnyTracer::Ldi) {
+        voice.note(format_args!(
+            "{count} moving objects are left out of the maps: they receive light and reflect none"
+        ));
+    }
 }
 
 /// The camera of that name, the first one, or one that sees everything.
@@ -151,23 +171,73 @@ pub(crate) fn require_light(scene: &mut Scene, voice: Voice) {
     }
 }
 
-fn change_material(scene: &mut Scene, change: &MaterialOverride) -> Result<()> {
-    let mut found = false;
-    for material in &mut scene.materials {
-        if material.name == change.name {
-            found = true;
-            (material.metallic, material.roughness) = (change.metallic, change.roughness);
-            material.metallic_roughness_texture = None;
-        }
-    }
-    let names = scene.materials.iter().map(|material| &material.name[..]);
+/// Leaves out all objects but those of a name.
+fn keep_object(scene: &mut Scene, file: &str, name: &str) -> Result<()> {
+    let names = scene.instances.iter().map(|instance| &instance.name[..]);
     ensure!(
-        found,
-        "no material is called '{}'; there are: {}",
-        change.name,
+        names.clone().any(|other| other == name),
+        "{file}: no object is called '{name}'; there are: {}",
         list(names, "")
     );
+    scene.instances.retain(|instance| instance.name == name);
     Ok(())
+}
+
+fn change_material(scene: &mut Scene, change: &MaterialOverride) -> Result<()> {
+    let named = |material: &Material| material.name == change.name;
+    if scene.materials.iter().any(named) {
+        let materials = scene.materials.iter_mut();
+        materials
+            .filter(|material| named(material))
+            .for_each(|material| change.apply(material));
+        return Ok(());
+    }
+    let objects: Vec<usize> = (0..scene.instances.len())
+        .filter(|&index| scene.instances[index].name == change.name)
+        .collect();
+    let materials = scene.materials.iter().map(|material| &material.name[..]);
+    let instances = scene.instances.iter().map(|instance| &instance.name[..]);
+    ensure!(
+        !objects.is_empty(),
+        "no material and no object is called '{}'; there are: {}",
+        change.name,
+        list(materials.chain(instances), "")
+    );
+    for object in objects {
+        change_object(scene, object, change);
+    }
+    Ok(())
+}
+
+/// Gives an object a mesh and materials of its own, with these values.
+fn change_object(scene: &mut Scene, object: usize, change: &MaterialOverride) {
+    let instance = &scene.instances[object];
+    let mut mesh = Mesh::clone(scene.mesh(instance));
+    let first = scene.materials.len() as u32;
+    let mut used: Vec<u32> = mesh.triangle_materials.clone();
+    used.sort_unstable();
+    used.dedup();
+    for material in &mut mesh.triangle_materials {
+        *material = first + used.partition_point(|other| other < material) as u32;
+    }
+    for material in used {
+        let mut own = scene.materials[material as usize].clone();
+        change.apply(&mut own);
+        scene.materials.push(own);
+    }
+    scene.instances[object].mesh = scene.meshes.len() as u32;
+    scene.meshes.push(Arc::new(mesh));
+}
+
+impl MaterialOverride {
+    fn apply(&self, material: &mut Material) {
+        (material.metallic, material.roughness) = (self.metallic, self.roughness);
+        material.metallic_roughness_texture = None;
+        if let Some(color) = self.base_color {
+            material.base_color = color.extend(material.base_color.w);
+            material.base_color_texture = None;
+        }
+    }
 }
 
 fn set_light_radius(scene: &mut Scene, metres: f32, voice: Voice) {

@@ -6,9 +6,12 @@ use std::{collections::BTreeMap, ffi::OsString};
 
 use clap::{Arg, ArgAction, ArgMatches, Command, parser::ValueSource};
 
+use crate::applies::Idle;
+
 /// Flags that say where results go and how fast, not what is in them.
-const NOT_SETTINGS: [&str; 8] = [
-    "output", "settings", "quiet", "json", "threads", "device", "adapter", "help",
+const NOT_SETTINGS: [&str; 10] = [
+    "output", "settings", "quiet", "json", "threads", "device", "adapter", "ldi_save", "ldi_load",
+    "help",
 ];
 
 /// Values are divided by this in a header where a flag may be repeated.
@@ -24,9 +27,14 @@ fn name(arg: &Arg) -> &str {
     arg.get_long().unwrap_or_else(|| arg.get_id().as_str())
 }
 
-/// Every setting with its value, given or by default.
-pub(crate) fn store(command: &Command, matches: &ArgMatches) -> BTreeMap<String, String> {
+/// Every setting with its value, given or by default, but for those without effect.
+pub(crate) fn store(
+    command: &Command,
+    matches: &ArgMatches,
+    idle: &[Idle],
+) -> BTreeMap<String, String> {
     settings(command)
+        .filter(|arg| !is_idle(arg, idle))
         .filter_map(|arg| {
             let values = matches.try_get_raw(arg.get_id().as_str()).ok()??;
             let divider = arg.get_value_delimiter().unwrap_or(DIVIDER).to_string();
@@ -36,14 +44,19 @@ pub(crate) fn store(command: &Command, matches: &ArgMatches) -> BTreeMap<String,
         .collect()
 }
 
-/// Arguments that repeat stored settings, without those given on the command line.
+fn is_idle(arg: &Arg, idle: &[Idle]) -> bool {
+    idle.iter().any(|idle| idle.id == arg.get_id().as_str())
+}
+
+/// Arguments that repeat stored settings, without those given on the command line and those without effect.
 pub(crate) fn repeat(
     command: &Command,
     given: &ArgMatches,
     stored: &BTreeMap<String, String>,
+    idle: &[Idle],
 ) -> Vec<OsString> {
     let mut arguments = Vec::new();
-    for arg in settings(command) {
+    for arg in settings(command).filter(|arg| !is_idle(arg, idle)) {
         let (name, id) = (name(arg), arg.get_id().as_str());
         let Some(value) = stored.get(name) else {
             continue;
@@ -93,12 +106,12 @@ mod tests {
             "--flag",
             "--output=o",
         ];
-        let stored = store(&command(), &parse(&given));
+        let stored = store(&command(), &parse(&given), &[]);
         assert_eq!(stored["scene"], "a.glb");
         assert_eq!(stored["size"], "1x1");
         assert_eq!(stored["list"], "a,b");
         assert!(!stored.contains_key("output"));
-        let repeated = repeat(&command(), &parse(&[]), &stored);
+        let repeated = repeat(&command(), &parse(&[]), &stored, &[]);
         let expected = [
             "a.glb",
             "--size=1x1",
@@ -111,9 +124,22 @@ mod tests {
     }
 
     #[test]
+    fn what_has_no_effect_is_left_out() {
+        let idle: Vec<Idle> = Idle::all(["size"], "").collect();
+        let matches = parse(&["a.glb", "--size=9x9"]);
+        assert!(!store(&command(), &matches, &idle).contains_key("size"));
+        let stored = store(&command(), &matches, &[]);
+        assert_eq!(repeat(&command(), &parse(&[]), &stored, &idle), ["a.glb"]);
+    }
+
+    #[test]
     fn the_command_line_wins() {
-        let stored = store(&command(), &parse(&["a.glb", "--many=1", "--size=9x9"]));
-        let repeated = repeat(&command(), &parse(&["b.glb", "--many=2"]), &stored);
+        let stored = store(
+            &command(),
+            &parse(&["a.glb", "--many=1", "--size=9x9"]),
+            &[],
+        );
+        let repeated = repeat(&command(), &parse(&["b.glb", "--many=2"]), &stored, &[]);
         assert_eq!(repeated, ["--size=9x9"]);
     }
 }

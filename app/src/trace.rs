@@ -5,21 +5,23 @@ use std::{path::PathBuf, sync::Arc};
 #[cfg(not(feature = "gpu"))]
 use anyhow::bail;
 use anyhow::{Context, Result, ensure};
-use clap::{Args, ValueEnum};
-use isophote_scene::{Hit, Ray, Scene, Selection, SurfaceId, Tracer, check_writable};
+use clap::{ArgMatches, Args, ValueEnum};
+use isophote_scene::{Hit, Ray, Selection, SurfaceId, Tracer, check_writable};
 use rayon::prelude::*;
 use serde::Serialize;
 
 #[cfg(feature = "gpu")]
 use crate::gpu_rays::GpuRays;
 use crate::{
+    applies::refuse,
+    maps::MapsInfo,
     npy,
     output::{
         PROGRAM, Program, Voice, device, has_suffix, memory_peak_bytes, print, print_json, timed,
     },
     rays::{self, RayKind},
-    scene_args::{SceneArgs, choose_camera, require_geometry},
-    tracers::{AnyTracer, BuiltTracer, Choice, Device, TracerArgs, choose},
+    scene_args::{SceneArgs, choose_camera, note_moving, require_geometry},
+    tracers::{AnyTracer, BuiltTracer, Choice, Device, Plan, TracerArgs, choose},
     values,
 };
 
@@ -45,8 +47,6 @@ pub(crate) struct TraceArgs {
     /// Who answers the rays; bvh on the CPU and compute-bvh on a GPU unless given
     #[arg(long, value_enum)]
     tracer: Option<AnyTracer>,
-    #[command(flatten)]
-    tracer_args: TracerArgs,
     /// Where; auto is where the tracer runs, or a GPU if there is one in hardware
     #[arg(long, value_enum, default_value = "auto")]
     device: Device,
@@ -87,6 +87,8 @@ pub(crate) struct TraceArgs {
     #[arg(short, long)]
     quiet: bool,
     #[command(flatten)]
+    tracer_args: TracerArgs,
+    #[command(flatten)]
     changes: SceneArgs,
 }
 
@@ -118,6 +120,8 @@ struct Report<'a> {
     load_seconds: f64,
     /// Held by the tracer's own structures.
     bytes: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    maps: Option<MapsInfo>,
     triangles: usize,
     memory_peak_bytes: Option<u64>,
     device: String,
@@ -125,8 +129,9 @@ struct Report<'a> {
     program: Program,
 }
 
-pub(crate) fn trace(args: &TraceArgs) -> Result<()> {
+pub(crate) fn trace(args: &TraceArgs, given: &ArgMatches) -> Result<()> {
     let voice = Voice::new(args.quiet);
+    refuse(&args.tracer_args.idle(args.tracer), given)?;
     ensure!(
         has_suffix(&args.output, &["npy"]),
         "{}: unknown suffix; .npy is known",
@@ -152,7 +157,18 @@ pub(crate) fn trace(args: &TraceArgs) -> Result<()> {
     };
     let choice = choose(device, args.tracer, args.adapter.as_deref())?;
     args.tracer_args.check(choice)?;
-    let (built, build_seconds) = timed(|| Built::new(choice, args, &scene, &selection));
+    note_moving(&scene, args.tracer, voice);
+    let camera = choose_camera(&scene, args.camera.as_deref(), Voice::new(true))?;
+    let plan = Plan {
+        args: &args.tracer_args,
+        scene: &scene,
+        selection: &selection,
+        camera: &camera,
+    };
+    let (built, build_seconds) = timed(|| {
+        let _wheel = voice.wheel("building the tracer");
+        Built::new(choice, args.adapter.as_deref(), &plan)
+    });
     let mut built = built?;
     let mut report = Report {
         scene: &args.scene,
@@ -169,6 +185,7 @@ pub(crate) fn trace(args: &TraceArgs) -> Result<()> {
         build_seconds,
         load_seconds,
         bytes: built.bytes(),
+        maps: built.maps(),
         triangles: scene.triangle_count(),
         memory_peak_bytes: None,
         device: built.device(),
@@ -226,20 +243,12 @@ enum Built {
 }
 
 impl Built {
-    fn new(
-        choice: Choice,
-        args: &TraceArgs,
-        scene: &Arc<Scene>,
-        selection: &Selection,
-    ) -> Result<Self> {
-        let adapter = args.adapter.as_deref();
+    fn new(choice: Choice, adapter: Option<&str>, plan: &Plan<'_>) -> Result<Self> {
         match choice {
-            Choice::Cpu(choice) => choice
-                .build(args.tracer_args, scene, selection)
-                .map(Self::Cpu),
+            Choice::Cpu(choice) => choice.build(plan).map(Self::Cpu),
             #[cfg(feature = "gpu")]
             Choice::Gpu(choice) => {
-                let rays = GpuRays::build(choice, args.tracer_args, adapter, scene, selection)?;
+                let rays = GpuRays::build(choice, adapter, plan)?;
                 Ok(Self::Gpu(Box::new(rays)))
             }
             #[cfg(not(feature = "gpu"))]
@@ -262,6 +271,14 @@ impl Built {
             Self::Cpu(built) => built.bytes,
             #[cfg(feature = "gpu")]
             Self::Gpu(rays) => rays.gpu.bytes,
+        }
+    }
+
+    fn maps(&self) -> Option<MapsInfo> {
+        match self {
+            Self::Cpu(built) => built.maps.clone(),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(_) => None,
         }
     }
 

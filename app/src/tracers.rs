@@ -6,12 +6,14 @@ use std::sync::Arc;
 use crate::gpu::has_hardware;
 use anyhow::{Result, bail, ensure};
 use clap::{Args, ValueEnum};
-use isophote_ldi::{Coverage, LdiParams, LdiTracer};
 use isophote_scene::{
-    BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Levels, Scene, Selection, Tracer,
+    BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Camera, Levels, Scene, Selection, Tracer,
 };
 
-use crate::values;
+use crate::{
+    applies::{Idle, ids},
+    maps::{LdiArgs, MapsInfo},
+};
 
 /// Who answers rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -140,7 +142,7 @@ pub(crate) enum GpuTracerChoice {
 }
 
 /// What can be chosen of a tracer.
-#[derive(Args, Clone, Copy, Debug)]
+#[derive(Args, Clone, Debug)]
 pub(crate) struct TracerArgs {
     /// How the tracer bvh holds instances; the answers do not depend on it
     #[arg(long, value_enum, value_name = "LEVELS", default_value = "auto")]
@@ -160,7 +162,7 @@ enum BvhLevels {
 }
 
 impl TracerArgs {
-    fn bvh_options(self) -> BvhOptions {
+    pub(crate) fn bvh_options(&self) -> BvhOptions {
         BvhOptions {
             levels: match self.bvh_levels {
                 BvhLevels::Auto => Levels::Auto,
@@ -170,53 +172,22 @@ impl TracerArgs {
         }
     }
 
-    /// Refuses what was asked of another tracer.
-    pub(crate) fn check(self, choice: Choice) -> Result<()> {
+    /// Refuses what was asked of another tracer, or cannot be.
+    pub(crate) fn check(&self, choice: Choice) -> Result<()> {
         ensure!(
             choice == Choice::Cpu(TracerChoice::Bvh) || self.bvh_levels == BvhLevels::Auto,
             "--bvh-levels is for the tracer bvh; {} has none",
             choice.name()
         );
-        Ok(())
+        self.ldi.check(matches!(choice, Choice::Gpu(_)))
     }
-}
 
-/// How the maps of the tracer `ldi` are made.
-#[derive(Args, Clone, Copy, Debug)]
-pub(crate) struct LdiArgs {
-    /// Directions of the tracer ldi: 6 K² of them [K]
-    #[arg(long, value_name = "K", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=64))]
-    ldi_cells: u32,
-    /// Pixels on each side of its maps
-    #[arg(long, value_name = "PIXELS", default_value_t = 128, value_parser = clap::value_parser!(u32).range(8..=4096))]
-    ldi_resolution: u32,
-    /// What its maps hold
-    #[arg(long, value_enum, value_name = "WHAT", default_value = "touched")]
-    ldi_layers: Layers,
-    /// How far a triangle reaches beyond its edge, for --ldi-layers center [pixels]
-    #[arg(long, value_name = "PIXELS", default_value_t = LdiParams::default().epsilon, value_parser = values::not_negative)]
-    ldi_epsilon: f32,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Layers {
-    /// Triangles at the centres of pixels: approximate, as in the paper
-    Center,
-    /// All triangles that touch a pixel: exact
-    Touched,
-}
-
-impl LdiArgs {
-    pub(crate) fn params(&self) -> LdiParams {
-        LdiParams {
-            cells: self.ldi_cells,
-            resolution: self.ldi_resolution,
-            coverage: match self.ldi_layers {
-                Layers::Center => Coverage::Center,
-                Layers::Touched => Coverage::Touched,
-            },
-            epsilon: self.ldi_epsilon,
-            ..LdiParams::default()
+    /// Flags that have no effect with a tracer.
+    pub(crate) fn idle(&self, tracer: Option<AnyTracer>) -> Vec<Idle> {
+        if tracer == Some(AnyTracer::Ldi) {
+            self.ldi.idle()
+        } else {
+            Idle::all(ids::<LdiArgs>(), "it is for the tracer ldi").collect()
         }
     }
 }
@@ -225,31 +196,34 @@ impl LdiArgs {
 pub(crate) struct BuiltTracer {
     pub(crate) tracer: Box<dyn Tracer>,
     pub(crate) bytes: usize,
+    /// Where it has any.
+    pub(crate) maps: Option<MapsInfo>,
+}
+
+/// What tracers are built of.
+pub(crate) struct Plan<'a> {
+    pub(crate) args: &'a TracerArgs,
+    pub(crate) scene: &'a Arc<Scene>,
+    pub(crate) selection: &'a Selection,
+    /// The viewpoint around which rays are to be answered.
+    pub(crate) camera: &'a Camera,
 }
 
 impl TracerChoice {
-    pub(crate) fn build(
-        self,
-        args: TracerArgs,
-        scene: &Arc<Scene>,
-        selection: &Selection,
-    ) -> Result<BuiltTracer> {
+    pub(crate) fn build(self, plan: &Plan<'_>) -> Result<BuiltTracer> {
         match self {
-            Self::Bvh => build::<BvhTracer>(scene, selection, &args.bvh_options()),
-            Self::BruteForce => build::<BruteForceTracer>(scene, selection, &()),
-            Self::Ldi => build::<LdiTracer>(scene, selection, &args.ldi.params()),
+            Self::Bvh => build::<BvhTracer>(plan, &plan.args.bvh_options()),
+            Self::BruteForce => build::<BruteForceTracer>(plan, &()),
+            Self::Ldi => plan.args.ldi.build(plan),
         }
     }
 }
 
-fn build<T: BuildTracer + 'static>(
-    scene: &Arc<Scene>,
-    selection: &Selection,
-    options: &T::Options,
-) -> Result<BuiltTracer> {
-    let tracer = T::build(scene, selection, options)?;
+fn build<T: BuildTracer + 'static>(plan: &Plan<'_>, options: &T::Options) -> Result<BuiltTracer> {
+    let tracer = T::build(plan.scene, plan.selection, options)?;
     Ok(BuiltTracer {
         bytes: tracer.bytes(),
         tracer: Box::new(tracer),
+        maps: None,
     })
 }

@@ -55,29 +55,87 @@ pub(crate) fn threads(text: &str) -> Result<usize, String> {
         .ok_or_else(|| "expected a number from 1 to 1024".into())
 }
 
-/// `NAME=metallic,roughness`.
+/// How far from fast to exact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Dial {
+    /// Answers less sure than this are asked for again.
+    Sureness(f32),
+    /// About this share of the rays, the least sure ones; 0 to 1.
+    Share(f32),
+}
+
+/// A [`Dial`]: `0.7`, or `15%`.
+pub(crate) fn dial(text: &str) -> Result<Dial, String> {
+    let parsed = match text.strip_suffix('%') {
+        Some(percent) => not_negative(percent)
+            .ok()
+            .filter(|percent| *percent <= 100.0)
+            .map(|percent| Dial::Share(percent / 100.0)),
+        None => not_negative(text).ok().map(Dial::Sureness),
+    };
+    parsed.ok_or_else(|| {
+        "expected a sureness of at least 0 such as 0.7, or a share from 0% to 100%".into()
+    })
+}
+
+/// 1 or 4.
+pub(crate) fn one_or_four(text: &str) -> Result<u32, String> {
+    match text {
+        "1" => Ok(1),
+        "4" => Ok(4),
+        _ => Err("expected 1 or 4".into()),
+    }
+}
+
+/// A standard deviation in pixels.
+pub(crate) fn sigma(text: &str) -> Result<f32, String> {
+    number(text, "a number from 0.1 to 1000", |value| {
+        (0.1..=1000.0).contains(&value)
+    })
+}
+
+/// A mip level.
+pub(crate) fn level(text: &str) -> Result<f32, String> {
+    number(text, "a number from 0 to 32", |value| {
+        (0.0..=32.0).contains(&value)
+    })
+}
+
+/// An odd number of pixels.
+pub(crate) fn odd(text: &str) -> Result<u32, String> {
+    text.parse()
+        .ok()
+        .filter(|width| width % 2 == 1 && (1..=1023).contains(width))
+        .ok_or_else(|| "expected an odd number from 1 to 1023".into())
+}
+
+/// `NAME=metallic,roughness[,r,g,b]`.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MaterialOverride {
-    /// The material's name in the file.
+    /// The name of a material in the file, or of an object.
     pub(crate) name: String,
     /// 0..=1.
     pub(crate) metallic: f32,
     /// 0..=1.
     pub(crate) roughness: f32,
+    /// Linear RGB, 0..=1.
+    pub(crate) base_color: Option<Vec3>,
 }
 
 /// Parses a [`MaterialOverride`].
 pub(crate) fn material(text: &str) -> Result<MaterialOverride, String> {
     text.rsplit_once('=')
-        .and_then(|(name, values)| Some((name, numbers(values, 2..=2)?)))
+        .and_then(|(name, values)| Some((name, numbers(values, 2..=5)?)))
+        .filter(|(_, values)| values.len() != 3 && values.len() != 4)
         .filter(|(_, values)| values.iter().all(|value| (0.0..=1.0).contains(value)))
         .map(|(name, values)| MaterialOverride {
             name: name.into(),
             metallic: values[0],
             roughness: values[1],
+            base_color: values.get(2..5).map(Vec3::from_slice),
         })
         .ok_or_else(|| {
-            "expected NAME=METALLIC,ROUGHNESS, both within 0..1, such as Gold=1,0.2".into()
+            "expected NAME=METALLIC,ROUGHNESS[,R,G,B], all within 0..1, such as Gold=1,0.2".into()
         })
 }
 
@@ -102,11 +160,13 @@ pub(crate) fn environment(text: &str) -> Result<EnvironmentChoice, String> {
     }
 }
 
-/// `FILE@x,y,z[,scale[,yaw]][:moving]`.
+/// `FILE[#OBJECT]@x,y,z[,scale[,yaw]][:moving]`.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Addition {
     /// A scene file or `builtin:NAME`.
     pub(crate) scene: String,
+    /// The name of the objects to take from it; all unless given.
+    pub(crate) object: Option<String>,
     /// Where it goes.
     pub(crate) transform: Affine3A,
     /// Whether precomputed structures must leave it out.
@@ -115,8 +175,7 @@ pub(crate) struct Addition {
 
 /// Parses an [`Addition`].
 pub(crate) fn addition(text: &str) -> Result<Addition, String> {
-    let expected =
-        "expected FILE@X,Y,Z[,SCALE[,YAW]][:moving] in metres and degrees, such as bunny.glb@0,1,0";
+    let expected = "expected FILE[#OBJECT]@X,Y,Z[,SCALE[,YAW]][:moving] in metres and degrees, such as bunny.glb@0,1,0";
     let (rest, moving) = match text.strip_suffix(":moving") {
         Some(rest) => (rest, true),
         None => (text, false),
@@ -128,8 +187,13 @@ pub(crate) fn addition(text: &str) -> Result<Addition, String> {
         return Err(expected.into());
     }
     let yaw = values.get(4).copied().unwrap_or(0.0).to_radians();
+    let (scene, object) = match scene.rsplit_once('#') {
+        Some((scene, object)) => (scene, Some(object.into())),
+        None => (scene, None),
+    };
     Ok(Addition {
         scene: scene.into(),
+        object,
         transform: Affine3A::from_scale_rotation_translation(
             Vec3::splat(scale),
             Quat::from_rotation_y(yaw),
@@ -203,8 +267,27 @@ mod tests {
     fn materials_may_have_any_name() {
         let parsed = material("a=b,c=1,0.25").unwrap();
         assert_eq!((&parsed.name[..], parsed.roughness), ("a=b,c", 0.25));
+        let blue = material("a=0,1,0,0,0.5").unwrap();
+        assert_eq!(blue.base_color, Some(Vec3::new(0.0, 0.0, 0.5)));
         for wrong in ["a", "a=1", "a=1,2", "a=-1,0", "a=nan,0", "a=1,0,0"] {
             assert!(material(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn dials_are_surenesses_or_shares() {
+        assert_eq!(dial("0.7"), Ok(Dial::Sureness(0.7)));
+        assert_eq!(dial("15%"), Ok(Dial::Share(0.15)));
+        for wrong in ["", "%", "101%", "-1", "-1%", "inf", "nan"] {
+            assert!(dial(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn widths_are_odd() {
+        assert_eq!(odd("11"), Ok(11));
+        for wrong in ["0", "2", "-1", "1025", "x"] {
+            assert!(odd(wrong).is_err(), "{wrong}");
         }
     }
 
@@ -227,6 +310,8 @@ mod tests {
             "{point}"
         );
         assert!(!addition("builtin:corner@0,0,0").unwrap().moving);
+        let one = addition("a#b@0,0,0").unwrap();
+        assert_eq!((&one.scene[..], one.object.as_deref()), ("a", Some("b")));
         for wrong in ["a.glb", "a.glb@1,2", "a.glb@1,2,3,0", "@1,2,3", "a@1,2,x"] {
             assert!(addition(wrong).is_err(), "{wrong}");
         }

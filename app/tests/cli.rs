@@ -481,6 +481,171 @@ fn wrong_settings_are_refused() {
     }
 }
 
+/// A quick render by the technique ldi, with further arguments.
+fn hybrid<'a>(more: &[&'a str]) -> Vec<&'a str> {
+    let quick = [
+        "render",
+        "builtin:cornell",
+        "--technique=ldi",
+        "--size=12x8",
+        "--ldi-cells=2",
+        "--ldi-resolution=32",
+        "-q",
+    ];
+    [&quick[..], more].concat()
+}
+
+#[test]
+fn the_hybrid_renderer_shows_its_stages() {
+    let place = Place::new();
+    let report = place.json(&hybrid(&["--json", "-o", "all.exr"]));
+    let image = place.image("all.exr");
+    let layer = |name| image.rgb(name).unwrap();
+    let sum = layer("direct")
+        .into_iter()
+        .zip(layer("diffuse"))
+        .zip(layer("glossy"))
+        .map(|((a, b), c)| a + b + c);
+    assert_eq!(sum.collect::<Vec<_>>(), layer(""));
+    for name in ["irradiance.indirect", "irradiance.noisy"] {
+        assert!(layer(name).iter().any(|light| *light != Vec3::ZERO));
+    }
+    let passes = report["passes"].as_array().unwrap();
+    let counted: u64 = passes
+        .iter()
+        .map(|pass| pass["rays"].as_u64().unwrap() + pass["shadow_rays"].as_u64().unwrap())
+        .sum();
+    assert_eq!(report["rays"], counted);
+    assert_eq!(passes[0]["rays"], 12 * 8);
+    assert_eq!(report["maps"]["directions"], 24);
+    // The reference of the same quantity is asked for by the same header.
+    assert_eq!(image.attributes["path-bounces"], "2");
+    assert!(!image.attributes.contains_key("spp"));
+    let again = ["render", "--settings=all.exr", "-q", "--seed=1", "-o"];
+    place.ok(&[&again[..], &["again.exr"]].concat());
+    let reference = ["--technique=reference", "--tracer=bvh", "--spp=64"];
+    place.ok(&[&again[..], &["truth.exr"], &reference].concat());
+    let report = place.json(&["compare", "again.exr", "truth.exr", "--json"]);
+    let bias = report["bias"].as_f64().unwrap();
+    assert!(bias.abs() < 0.1, "{bias}");
+}
+
+#[test]
+fn maps_are_saved_and_loaded() {
+    let place = Place::new();
+    let center = ["--ldi-layers=center", "--ldi-samples=4"];
+    let saved = [&center[..], &["--ldi-save=maps", "-o", "saved.exr"]].concat();
+    place.ok(&hybrid(&saved));
+    let from_file = |more: &[&'static str]| {
+        let load = [
+            "render",
+            "builtin:cornell",
+            "--technique=ldi",
+            "--size=12x8",
+            "--ldi-load=maps",
+            "-q",
+            "-o",
+            "out.exr",
+        ];
+        [&load[..], more].concat()
+    };
+    place.ok(&from_file(&["--ldi-samples=4"]));
+    let (saved, loaded) = (place.image("saved.exr"), place.image("out.exr"));
+    assert_eq!(saved.rgb(""), loaded.rgb(""));
+    assert_eq!(loaded.attributes["ldi-layers"], "center");
+    assert_eq!(loaded.attributes["ldi-cells"], "2");
+    place.refused(&from_file(&["--ldi-cells=4"]), "--ldi-load");
+    place.refused(&from_file(&["--ldi-save=b"]), "--ldi-load");
+    place.refused(
+        &from_file(&["--add=builtin:corner@0,0,0"]),
+        "build the maps anew",
+    );
+    place.put("maps", "damaged");
+    place.refused(&from_file(&[]), "maps");
+}
+
+/// With the dial at its end the answers are the exact tracer's.
+#[test]
+fn the_dial_goes_from_fast_to_exact() {
+    let place = Place::new();
+    let render = |more: &[&'static str], output: &'static str| {
+        let report = place.json(&hybrid(&[more, &["--json", "-o", output]].concat()));
+        (report, place.image(output).rgb(""))
+    };
+    let (_, exact) = render(&["--ldi-layers=touched"], "exact.exr");
+    let center = ["--ldi-layers=center", "--ldi-exact"];
+    let (report, all) = render(&[&center[..], &["2"]].concat(), "all.exr");
+    assert_eq!(report["maps"]["exact_share"], 1.0);
+    assert_eq!(all, exact);
+    let (report, some) = render(&[&center[..], &["20%"]].concat(), "some.exr");
+    let share = report["maps"]["exact_share"].as_f64().unwrap();
+    assert!((0.1..=0.2).contains(&share), "{share}");
+    assert_ne!(some, exact);
+    place.refused(&hybrid(&["--ldi-exact=0.5", "-o", "out.exr"]), "touched");
+}
+
+#[test]
+fn objects_have_materials_of_their_own() {
+    let place = Place::new();
+    place.put_triangle();
+    let scene = |more: &[&'static str]| {
+        let info = ["info", "builtin:cornell", "--add=triangle.gltf#a@0,0,0"];
+        [&info[..], more].concat()
+    };
+    place.refused(&scene(&[]), "no object is called 'a'");
+    let named = TRIANGLE.replace(r#"{"mesh": 0}"#, r#"{"mesh": 0, "name": "a"}"#);
+    place.put("triangle.gltf", named);
+    let report = place.json(&scene(&["--material=a=1,0.25,0,0,1", "--json"]));
+    let materials = report["materials"].as_array().unwrap();
+    let own = materials.last().unwrap();
+    assert_eq!(own["name"], "Paint");
+    assert_eq!(own["roughness"], 0.25);
+    assert_eq!(own["base_color"][2], 1.0);
+    assert!(
+        materials
+            .iter()
+            .any(|other| { other["name"] == "Paint" && other["roughness"] == 1.0 })
+    );
+}
+
+#[test]
+fn flags_without_effect_are_refused() {
+    let place = Place::new();
+    for (flags, expected) in [
+        (&["--ldi-samples=4"][..], "--technique ldi"),
+        (&["--ldi-cells=4"], "the tracer ldi"),
+        (&["--tracer=ldi", "--ldi-epsilon=1"], "center"),
+        (&["--technique=ldi"], "--ldi-diffuse-rays"),
+    ] {
+        place.refused(&quick(&[flags, &["-o", "out.exr"]].concat()), expected);
+    }
+    for (flags, expected) in [
+        (&["--normals=flat"][..], "--normals"),
+        (&["--d-max=1"], "--d-max"),
+        (&["--path-bounces=2"], "--path-bounces"),
+        (&["--quantity=ao"], "direct"),
+        (&["--ldi-samples=2"], "1 or 4"),
+        (&["--ldi-filter-width=4"], "odd"),
+        (&["--ldi-filter-sigma=0"], "0.1"),
+        (&["--ldi-texture-level=-1"], "0 to 32"),
+        (&["--ldi-layers=center", "--ldi-exact=200%"], "share"),
+        (&["--ldi-memory-limit=1", "--ldi-resolution=4096"], "memory"),
+    ] {
+        place.refused(&hybrid(&[flags, &["-o", "out.exr"]].concat()), expected);
+    }
+    place.refused(
+        &[
+            "trace",
+            "builtin:cornell",
+            "--rays=a.npy",
+            "--ldi-cells=4",
+            "-o",
+            "out.npy",
+        ],
+        "the tracer ldi",
+    );
+}
+
 #[test]
 fn wrong_outputs_are_refused_before_any_work() {
     let place = Place::new();
