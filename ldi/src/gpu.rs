@@ -1,27 +1,49 @@
-//! The maps on a GPU: built as [`LdiTracer`](crate::LdiTracer)'s, uploaded, and traced in shaders.
+//! The maps on a GPU: built there, or built as [`LdiTracer`](crate::LdiTracer)'s and uploaded, and traced in shaders.
 //!
 //! | stage | CPU | GPU |
 //! |---|---|---|
 //! | maps | `cpu/maps.rs` | `gpu/upload.rs`, `shaders/maps.wesl` |
+//! | building (§3.1) | `cpu/build.rs` | `gpu/build.rs`, `shaders/build/*.wesl` |
 //! | tracing (§3.2) | `cpu/trace.rs` | `shaders/trace.wesl` |
 //! | planes within pixels | `cpu/trace/meet.rs` | `shaders/plane.wesl` |
 
+mod build;
 mod upload;
 
 use std::sync::Arc;
 
 use glam::Affine3A;
 use isophote_scene::{
-    Answers, Result, Scene, Selection, check_transforms,
+    Answers, Error, Result, Scene, Selection,
     gpu::{BuildGpuTracer, Context, GpuTracer, ShaderPackage, TracerBinding, TracerTable},
     shader_package,
 };
 
-use self::upload::{Words, faces, words};
-use crate::{LdiParams, cpu::build::build, cpu::maps::Maps};
+pub use self::build::BuildMethod;
+use self::{
+    build::MapBuilder,
+    upload::{Words, faces, words},
+};
+use crate::{
+    LdiParams,
+    cpu::{build::Plan, maps::Maps},
+};
 
 /// The WESL modules of this crate.
-pub const SHADERS: ShaderPackage = shader_package!("ldi", ["maps", "plane", "trace"]);
+pub const SHADERS: ShaderPackage = shader_package!(
+    "ldi",
+    [
+        "build/compact",
+        "build/layer",
+        "build/peel",
+        "build/scan",
+        "build/single_pass",
+        "build/sort",
+        "maps",
+        "plane",
+        "trace",
+    ]
+);
 
 /// Answers rays from layered depth images, in shaders. Binds two storage buffers, or two textures.
 ///
@@ -33,8 +55,14 @@ pub struct LdiGpuTracer {
     scene: Arc<Scene>,
     selection: Selection,
     params: LdiParams,
+    builder: MapBuilder,
     binding: TracerBinding,
 }
+
+const LABEL: &str = "layered depth images";
+/// The tables' names.
+const MAPS: &str = "the layered depth images";
+const FACES: &str = "the triangles of the layered depth images";
 
 /// What the shader reads.
 struct Tables {
@@ -46,24 +74,59 @@ impl Tables {
     fn new(params: &LdiParams, maps: &Maps) -> Self {
         Self {
             maps: words(params, maps),
-            faces: faces(maps),
+            faces: faces(&maps.blocks, &maps.surfaces, &maps.planes),
         }
     }
 
     fn bind(&self) -> [TracerTable<'_>; 2] {
         [
-            ("the layered depth images", bytemuck::cast_slice(&self.maps)),
-            ("their triangles", bytemuck::cast_slice(&self.faces)),
+            (MAPS, bytemuck::cast_slice(&self.maps)),
+            (FACES, bytemuck::cast_slice(&self.faces)),
         ]
     }
 }
 
 impl LdiGpuTracer {
+    /// Builds the maps of the selected part of a scene on the device.
+    ///
+    /// Where what that takes is larger than the buffers that the device binds, they are built on the CPU and uploaded.
+    ///
+    /// # Errors
+    /// As [`BuildGpuTracer::build`], and [`Error::Parameter`] for parameters out of their
+    /// range and maps that would take more memory than is allowed.
+    pub fn build_with(
+        context: &Context,
+        scene: &Arc<Scene>,
+        selection: &Selection,
+        params: &LdiParams,
+        method: BuildMethod,
+    ) -> Result<Self> {
+        let plan = Plan::new(scene, &scene.transforms(), selection, params)?;
+        let mut builder = MapBuilder::new(method);
+        let binding = match builder.build(context, &plan) {
+            Ok([maps, faces]) => {
+                TracerBinding::from_buffers(context, LABEL, &[(MAPS, maps), (FACES, faces)])?
+            }
+            Err(Error::GpuLimit { .. }) => {
+                let tables = Tables::new(params, &plan.draw_all()?);
+                TracerBinding::new(context, LABEL, None, &tables.bind())?
+            }
+            Err(error) => return Err(error),
+        };
+        Ok(Self {
+            binding,
+            builder,
+            scene: scene.clone(),
+            selection: *selection,
+            params: *params,
+        })
+    }
+
     /// Uploads maps that have been built or loaded before.
     ///
     /// # Errors
-    /// [`Error::GpuLimit`](isophote_scene::Error::GpuLimit) when they are too large for the device, and
-    /// [`Error::Gpu`](isophote_scene::Error::Gpu) when it fails.
+    /// [`Error::GpuLimit`] when they are too large for the device, and
+    /// [`Error::Gpu`] when it fails.
     pub fn from_maps(
         context: &Context,
         scene: &Arc<Scene>,
@@ -73,7 +136,8 @@ impl LdiGpuTracer {
     ) -> Result<Self> {
         let tables = Tables::new(params, maps);
         Ok(Self {
-            binding: TracerBinding::new(context, "layered depth images", None, &tables.bind())?,
+            binding: TracerBinding::new(context, LABEL, None, &tables.bind())?,
+            builder: MapBuilder::new(BuildMethod::default()),
             scene: scene.clone(),
             selection: *selection,
             params: *params,
@@ -120,16 +184,23 @@ impl BuildGpuTracer for LdiGpuTracer {
         selection: &Selection,
         params: &LdiParams,
     ) -> Result<Self> {
-        let maps = build(scene, &scene.transforms(), selection, params)?;
-        Self::from_maps(context, scene, selection, params, &maps)
+        Self::build_with(context, scene, selection, params, BuildMethod::default())
     }
 
     /// Builds the maps anew: they are for what does not move.
     fn update(&mut self, context: &Context, transforms: &[Affine3A]) -> Result<()> {
-        check_transforms(&self.scene, transforms)?;
-        let maps = build(&self.scene, transforms, &self.selection, &self.params)?;
-        let tables = Tables::new(&self.params, &maps);
-        self.binding.replace(context, None, &tables.bind())
+        let plan = Plan::new(&self.scene, transforms, &self.selection, &self.params)?;
+        match self.builder.build(context, &plan) {
+            Ok([maps, faces]) => {
+                let tables = [(MAPS, maps), (FACES, faces)];
+                self.binding.replace_with_buffers(context, &tables)
+            }
+            Err(Error::GpuLimit { .. }) => {
+                let tables = Tables::new(&self.params, &plan.draw_all()?);
+                self.binding.replace(context, None, &tables.bind())
+            }
+            Err(error) => Err(error),
+        }
     }
 
     fn bytes(&self) -> u64 {

@@ -8,14 +8,14 @@
 //! 4. [`WithFallback`]: doubtful answers are asked of another tracer.
 //! 5. [`cpu`]: the hybrid renderer (§4, §5), over any two tracers.
 //!
-//! On GPUs (feature `gpu`, module `gpu`) maps built by stage 2 are walked in shaders; the other stages are on the CPU.
+//! On GPUs (feature `gpu`, module `gpu`) maps are built and walked in shaders; the other stages are on the CPU.
 //!
 //! # From the paper to the code
 //!
 //! | paper | code |
 //! |---|---|
 //! | §3.1, n = 6k² directions, the nearest in constant time | [`Directions::nearest`] |
-//! | §3.1, depth peeling, m̄ᵢ by a prefix sum | [`cpu::build::build`] |
+//! | §3.1, depth peeling, m̄ᵢ by a prefix sum | [`cpu::build::build`], `gpu/build/peel.rs` and its shaders |
 //! | §3.1, depth values and triangle ids of a pixel | [`cpu::maps::Layers`], [`cpu::maps::Pixel`] |
 //! | §3.2, pixel crossings | `cpu/trace/path.rs` |
 //! | §3.2, a layer before the ray leaves the pixel; ε-tolerance | `cpu/trace/meet.rs`, [`LdiParams::epsilon`] |

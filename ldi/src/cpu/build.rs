@@ -14,6 +14,7 @@ use glam::{Affine3A, DVec3};
 use isophote_scene::{Aabb, Scene, Selection, WorldTriangle, world_triangles};
 use rayon::prelude::*;
 
+pub(crate) use self::raster::margin;
 use self::raster::{Fragment, Raster};
 use super::maps::{
     Block, BlockSurfaces, Frame, LANES, Layer, Layers, Maps, PADDING, Pixel, TILE, slabs,
@@ -37,12 +38,7 @@ pub fn build(
     selection: &Selection,
     params: &LdiParams,
 ) -> Result<Maps> {
-    let plan = Plan::new(scene, transforms, selection, params)?;
-    if plan.fits_narrow_layers() {
-        plan.build(Layers::Narrow)
-    } else {
-        plan.build(Layers::Wide)
-    }
+    Plan::new(scene, transforms, selection, params)?.draw_all()
 }
 
 /// The box that the maps cover.
@@ -134,6 +130,13 @@ fn planes(blocks: &[Block]) -> Vec<[f32; 4]> {
     blocks.iter().flat_map(lanes).collect()
 }
 
+pub(crate) fn too_large(limit: u64) -> Error {
+    Error::TooLarge {
+        limit,
+        remedy: "take fewer directions or a lower resolution, or fit the maps to bounds",
+    }
+}
+
 /// Counts the layers of all maps against the memory that is allowed.
 struct Budget {
     layers: AtomicU64,
@@ -142,14 +145,11 @@ struct Budget {
 }
 
 impl Budget {
-    fn new(params: &LdiParams, blocks: &[Block]) -> Self {
-        let fixed = size_of::<Pixel>() as u64 * params.pixels() + size_of_val(blocks) as u64;
-        let rest = params.max_bytes.saturating_sub(fixed);
+    fn new(plan: &Plan<'_>) -> Self {
         Self {
             layers: AtomicU64::new(0),
-            // Offsets have 32 bits.
-            most: (rest / LAYER_BYTES).min(u64::from(u32::MAX)),
-            limit: params.max_bytes,
+            most: plan.most_layers(),
+            limit: plan.params.max_bytes,
         }
     }
 
@@ -158,10 +158,7 @@ impl Budget {
         if before + layers as u64 <= self.most {
             return Ok(());
         }
-        Err(Error::TooLarge {
-            limit: self.limit,
-            remedy: "take fewer directions or a lower resolution, or fit the maps to bounds",
-        })
+        Err(too_large(self.limit))
     }
 }
 
@@ -214,6 +211,15 @@ impl<'a> Plan<'a> {
         targets <= 1 << 16
     }
 
+    /// How many layers fit into the memory that is allowed.
+    pub(crate) fn most_layers(&self) -> u64 {
+        let pixels = size_of::<Pixel>() as u64 * self.params.pixels();
+        let fixed = pixels + size_of_val(&self.blocks[..]) as u64;
+        let rest = self.params.max_bytes.saturating_sub(fixed);
+        // Offsets have 32 bits.
+        (rest / LAYER_BYTES).min(u64::from(u32::MAX))
+    }
+
     /// One for each map.
     pub(crate) fn frames(&self, depth_steps: u32) -> Vec<Frame> {
         let side = f64::from(self.resolution);
@@ -231,9 +237,18 @@ impl<'a> Plan<'a> {
         }
     }
 
+    /// Draws the maps.
+    pub(crate) fn draw_all(self) -> Result<Maps> {
+        if self.fits_narrow_layers() {
+            self.build(Layers::Narrow)
+        } else {
+            self.build(Layers::Wide)
+        }
+    }
+
     fn build<L: Layer>(self, wrap: fn(Vec<L>) -> Layers) -> Result<Maps> {
         let frames = self.frames(L::STEPS);
-        let budget = Budget::new(self.params, &self.blocks);
+        let budget = Budget::new(&self);
         let maps = frames
             .par_iter()
             .enumerate()

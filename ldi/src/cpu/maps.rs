@@ -288,7 +288,12 @@ impl Maps {
 
     /// The largest extent of a pixel across its direction, metres.
     pub fn footprint(&self) -> f32 {
-        let largest = |frame: &Frame| (1.0 / frame.scale[0]).max(1.0 / frame.scale[1]);
-        self.frames.iter().map(largest).fold(0.0, f32::max)
+        footprint(&self.frames)
     }
+}
+
+/// [`Maps::footprint`] of some frames.
+pub(crate) fn footprint(frames: &[Frame]) -> f32 {
+    let largest = |frame: &Frame| (1.0 / frame.scale[0]).max(1.0 / frame.scale[1]);
+    frames.iter().map(largest).fold(0.0, f32::max)
 }

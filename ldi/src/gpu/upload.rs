@@ -2,7 +2,7 @@
 
 use crate::{
     Coverage, LdiParams,
-    cpu::maps::{LANES, Layers, Maps},
+    cpu::maps::{Block, BlockSurfaces, Frame, LANES, Layer, Layers, Maps, footprint},
 };
 
 pub(super) type Words = [u32; 4];
@@ -13,37 +13,59 @@ const TRIANGLES_THAT_TOUCH: u32 = 2;
 /// Words before the frames.
 const HEADER: usize = 2;
 
+/// What the shader knows of all maps.
+pub(super) struct Head<'a> {
+    pub(super) params: &'a LdiParams,
+    pub(super) resolution: u32,
+    pub(super) frames: &'a [Frame],
+    /// Whether layers take two words.
+    pub(super) wide: bool,
+}
+
+impl Head<'_> {
+    pub(super) fn frame_words(&self) -> Vec<Words> {
+        bytemuck::cast_slice::<Frame, [u32; 4]>(self.frames).to_vec()
+    }
+
+    /// Header and frames; so many pixels follow, and then the layers.
+    pub(super) fn words(&self, pixels: u64) -> Vec<Words> {
+        let pixels_at = HEADER + 2 * self.frames.len();
+        let layers_at = pixels_at + (pixels + 1).div_ceil(2) as usize;
+        let mut flags = 0;
+        if self.wide {
+            flags |= WIDE_LAYERS;
+        }
+        if self.params.coverage == Coverage::Touched {
+            flags |= TRIANGLES_THAT_TOUCH;
+        }
+        let mut words = vec![
+            [
+                self.params.cells,
+                self.resolution,
+                pixels_at as u32,
+                layers_at as u32,
+            ],
+            [
+                if self.wide { u64::STEPS } else { u32::STEPS },
+                flags,
+                self.params.epsilon.to_bits(),
+                footprint(self.frames).to_bits(),
+            ],
+        ];
+        words.extend(self.frame_words());
+        words
+    }
+}
+
 /// Header, frames, pixels and layers.
 pub(super) fn words(params: &LdiParams, maps: &Maps) -> Vec<Words> {
-    let pixels_at = HEADER + 2 * maps.frames.len();
-    let layers_at = pixels_at + maps.pixels.len().div_ceil(2);
-    let mut flags = 0;
-    if matches!(maps.layers, Layers::Wide(_)) {
-        flags |= WIDE_LAYERS;
-    }
-    if params.coverage == Coverage::Touched {
-        flags |= TRIANGLES_THAT_TOUCH;
-    }
-    let mut words = vec![
-        [
-            params.cells,
-            maps.resolution,
-            pixels_at as u32,
-            layers_at as u32,
-        ],
-        [
-            maps.layers.depth_steps(),
-            flags,
-            params.epsilon.to_bits(),
-            maps.footprint().to_bits(),
-        ],
-    ];
-    for frame in &maps.frames {
-        words.extend_from_slice(bytemuck::cast_slice::<_, Words>(&[bytemuck::cast::<
-            _,
-            [u32; 8],
-        >(*frame)]));
-    }
+    let head = Head {
+        params,
+        resolution: maps.resolution,
+        frames: &maps.frames,
+        wide: matches!(maps.layers, Layers::Wide(_)),
+    };
+    let mut words = head.words(maps.pixels.len() as u64 - 1);
     words.extend(packed(bytemuck::cast_slice(&maps.pixels)));
     words.extend(match &maps.layers {
         Layers::Narrow(layers) => packed(bytemuck::cast_slice(layers)),
@@ -66,10 +88,14 @@ fn packed(values: &[u32]) -> Vec<Words> {
 
 /// Three words for each lane of each block: corners, and instance, primitive and whether it is masked. A fourth is the
 /// plane where the maps have them.
-pub(super) fn faces(maps: &Maps) -> Vec<Words> {
-    let mut planes = maps.planes.iter();
-    let mut words = Vec::with_capacity(3 * LANES * maps.blocks.len() + maps.planes.len());
-    for (block, surfaces) in maps.blocks.iter().zip(&maps.surfaces) {
+pub(super) fn faces(
+    blocks: &[Block],
+    surfaces: &[BlockSurfaces],
+    planes: &[[f32; 4]],
+) -> Vec<Words> {
+    let mut words = Vec::with_capacity(3 * LANES * blocks.len() + planes.len());
+    let mut planes = planes.iter();
+    for (block, surfaces) in blocks.iter().zip(surfaces) {
         for lane in 0..LANES {
             let surface = surfaces.surface(lane);
             let extras = [

@@ -20,7 +20,7 @@ pub(super) struct Fragment {
 ///
 /// A ray's place is known to about 2⁻²² of the resolution once it is in the map (`trace.rs`), and the exact test takes
 /// hits up to 2⁻²¹ of the scene's size beside a triangle.
-pub(super) fn margin(resolution: u32) -> f64 {
+pub(crate) fn margin(resolution: u32) -> f64 {
     (f64::from(resolution) / f64::from(1 << 16)).max(1.0 / 64.0)
 }
 
