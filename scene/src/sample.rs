@@ -38,8 +38,8 @@ impl Sampler {
     }
 }
 
-/// What a [`Sampler`] needs to know of its seed.
-pub(crate) fn hash_seed(seed: u64) -> u32 {
+/// What a [`Sampler`] needs to know of its seed; that of `scene::sample` in shaders takes it in the seed's place.
+pub fn hash_seed(seed: u64) -> u32 {
     hash(seed as u32) ^ hash((seed >> 32) as u32).rotate_left(16)
 }
 

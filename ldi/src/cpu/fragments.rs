@@ -13,6 +13,8 @@ use crate::HybridParams;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fragment {
     pub(super) pixel: u32,
+    /// The number of its first sample among those of all pixels: what its random numbers belong to.
+    pub(super) sample: u32,
     /// The share of the pixel's samples.
     pub(super) weight: f32,
     pub(super) point: SurfacePoint,
@@ -80,7 +82,7 @@ impl Fragments {
         let of_pixel = |pixel: usize| {
             let corner = UVec2::new(pixel as u32 % width, pixel as u32 / width).as_vec2();
             let mut found: Vec<Fragment> = Vec::new();
-            for &place in places {
+            for (number, &place) in places.iter().enumerate() {
                 let ray = camera.ray(corner + place, width, height);
                 let Some(hit) = tracer.closest_hit(&ray) else {
                     continue;
@@ -97,6 +99,7 @@ impl Fragments {
                 let material = material(scene, &point, params.materials);
                 found.push(Fragment {
                     pixel: pixel as u32,
+                    sample: (pixel * places.len() + number) as u32,
                     weight,
                     point,
                     view: -ray.direction,

@@ -118,12 +118,11 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
         make: impl Fn(&Fragment, u32, &mut dyn FnMut(Wanted)) + Sync,
     ) -> Gathered {
         let size = (BATCH / most).clamp(1, MOST_FRAGMENTS) as usize;
-        let stream = |fragment: usize| 4 * fragment as u32 + stage;
-        let chunk = |(chunk, fragments): (usize, &[Fragment])| {
-            let first = chunk * size;
+        let stream = |fragment: &Fragment| 4 * fragment.sample + stage;
+        let chunk = |fragments: &[Fragment]| {
             let mut secondary = Vec::new();
             for (index, fragment) in fragments.iter().enumerate() {
-                make(fragment, stream(first + index), &mut |wanted| {
+                make(fragment, stream(fragment), &mut |wanted| {
                     secondary.extend(self.secondary(fragment, index, wanted));
                 });
             }
@@ -132,7 +131,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
             let mut shadow_rays = 0;
             for (one, hit) in secondary.iter().zip(&hits) {
                 if let Some(hit) = hit {
-                    let stream = stream(first + one.fragment);
+                    let stream = stream(&fragments[one.fragment]);
                     let sampler = Sampler::new(self.params.seed ^ 1, stream, one.number);
                     let (found, rays) = self.leaving(hit, one.ray.direction, &sampler);
                     light[one.fragment] += one.weight * found;
@@ -142,12 +141,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
             meter.advance(fragments.len());
             (light, [secondary.len() as u64, shadow_rays])
         };
-        let parts: Vec<Gathered> = fragments
-            .all
-            .par_chunks(size)
-            .enumerate()
-            .map(chunk)
-            .collect();
+        let parts: Vec<Gathered> = fragments.all.par_chunks(size).map(chunk).collect();
         let rays = [0, 1].map(|kind| parts.iter().map(|part| part.1[kind]).sum());
         let light = parts.into_iter().flat_map(|part| part.0).collect();
         (light, rays)

@@ -54,11 +54,10 @@ impl<'a, T: Tracer + ?Sized> Lights<'a, T> {
         let rays = light
             .par_chunks_mut(CHUNK)
             .zip(fragments.all.par_chunks(CHUNK))
-            .enumerate()
-            .map(|(chunk, (light, fragments))| {
+            .map(|(light, fragments)| {
                 let mut rays = 0;
-                for (offset, (light, fragment)) in light.iter_mut().zip(fragments).enumerate() {
-                    let stream = 4 * (chunk * CHUNK + offset) as u32;
+                for (light, fragment) in light.iter_mut().zip(fragments) {
+                    let stream = 4 * fragment.sample;
                     for number in 0..count {
                         let sampler = Sampler::new(params.seed, stream, number);
                         let (found, traced) =

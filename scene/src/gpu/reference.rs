@@ -18,6 +18,7 @@ mod passes;
 mod tables;
 mod work;
 
+pub use self::tables::LightTables;
 use self::{
     passes::Passes,
     tables::{GpuSettings, ReceiverWords, Tables, receiver_words},

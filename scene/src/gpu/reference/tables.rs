@@ -76,6 +76,51 @@ impl Tables {
     }
 }
 
+/// What `scene::reference::lit` and `scene::reference::light_sampling` read of a scene's lights, for techniques that
+/// light surfaces as the integrators do.
+///
+/// In a technique's group 0, binding 0 is the uniform buffer [`settings`](Self::settings) and binding 4 the read-only
+/// storage buffer [`chances`](Self::chances).
+#[derive(Clone, Debug)]
+pub struct LightTables {
+    settings: wgpu::Buffer,
+    chances: wgpu::Buffer,
+}
+
+impl LightTables {
+    /// Uploads what is known of a scene's lights.
+    ///
+    /// # Errors
+    /// [`Error::GpuLimit`](crate::Error::GpuLimit) when it is larger than what the device binds,
+    /// [`Error::Gpu`](crate::Error::Gpu) when memory is out.
+    pub fn new(context: &Context, scene: &Scene, materials: Materials) -> Result<Self> {
+        let tables = Tables::new(context, scene)?;
+        let settings = GpuSettings {
+            columns: [NONE; 8],
+            pbr: u32::from(materials == Materials::Pbr),
+            emitters: tables.emitters,
+            rows: tables.rows,
+            texels: tables.texels,
+            ..GpuSettings::zeroed()
+        };
+        let usage = wgpu::BufferUsages::UNIFORM;
+        Ok(Self {
+            settings: context.buffer("light settings", &[settings], usage)?,
+            chances: tables.chances,
+        })
+    }
+
+    /// Binding 0.
+    pub fn settings(&self) -> &wgpu::Buffer {
+        &self.settings
+    }
+
+    /// Binding 4.
+    pub fn chances(&self) -> &wgpu::Buffer {
+        &self.chances
+    }
+}
+
 /// The uniform `settings`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
