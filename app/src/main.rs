@@ -24,6 +24,7 @@ mod reference;
 mod render;
 mod scene_args;
 mod settings;
+mod show;
 mod trace;
 mod tracers;
 mod values;
@@ -73,6 +74,7 @@ enum Commands {
     Render(render::RenderArgs),
     Trace(trace::TraceArgs),
     Compare(compare::CompareArgs),
+    Show(show::ShowArgs),
     Info(info::InfoArgs),
     Devices(devices::DevicesArgs),
 }
@@ -133,6 +135,7 @@ fn run(arguments: Vec<OsString>) -> Result<ExitCode> {
             trace::trace(args, given)?;
         }
         Commands::Compare(args) => return compare::compare(args),
+        Commands::Show(args) => show::show(args)?,
         Commands::Info(args) => info::info(args)?,
         Commands::Devices(args) => devices::devices(args)?,
     }

@@ -133,7 +133,7 @@ fn help_teaches() {
     let output = place.run(&[]);
     assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stderr).contains("Usage: isophote"));
-    for command in ["render", "trace", "compare", "info"] {
+    for command in ["render", "trace", "compare", "show", "info"] {
         let output = place.run(&[command, "--help"]);
         assert!(output.status.success());
         let help = text(&output.stdout);
@@ -518,6 +518,10 @@ fn the_hybrid_renderer_shows_its_stages() {
     assert_eq!(report["rays"], counted);
     assert_eq!(passes[0]["rays"], 12 * 8);
     assert_eq!(report["maps"]["directions"], 24);
+    place.ok(&["show", "all.exr", "--layer=direct", "-o", "direct.png"]);
+    assert_eq!(place.image("direct.png").width, 12);
+    place.refused(&["show", "all.exr", "--layer=x", "-o", "out.png"], "glossy");
+    place.refused(&["show", "all.exr", "-o", "out.exr"], ".png");
     // The reference of the same quantity is asked for by the same header.
     assert_eq!(image.attributes["path-bounces"], "2");
     assert!(!image.attributes.contains_key("spp"));

@@ -41,7 +41,8 @@
 //! - Rays of a batch are sorted by map and place.
 //! - Direct light and the shadows of what secondary rays hit are traced exactly, where the paper has shadow maps.
 //! - The Gaussians leave out the background and metal, and stop at edges unless [`HybridParams::edges`] is `None`.
-//! - Metal that a secondary ray hits is lit as metal, and glass refracts secondary rays; both end there.
+//! - Metal and glass that a glossy ray meets are lit as such, and glass lets rays through; diffuse rays see both as
+//!   diffuse surfaces.
 
 pub mod cpu;
 mod directions;

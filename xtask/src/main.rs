@@ -1,11 +1,13 @@
-//! `cargo xtask`: what CI runs, the demo page and the benchmarks.
+//! `cargo xtask`: what CI runs, the demo page, the papers' pages and the benchmarks.
 //!
 //! One file per command. There is no graphics code here: every command drives cargo or the `isophote` binary.
 
 mod bench;
 mod demo;
+mod html;
 mod isophote;
 mod machine;
+mod paper;
 mod reference;
 mod test;
 mod workspace;
@@ -25,6 +27,7 @@ enum Command {
     Test(test::Arguments),
     Demo(demo::Arguments),
     Bench(bench::Arguments),
+    Paper(paper::Arguments),
     Reference(reference::Arguments),
 }
 
@@ -33,6 +36,7 @@ fn main() -> ExitCode {
         Command::Test(arguments) => test::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
+        Command::Paper(arguments) => paper::run(&arguments),
         Command::Reference(arguments) => reference::run(&arguments),
     };
     match result {

@@ -23,6 +23,10 @@ use super::{
 const BATCH: u32 = 1 << 18;
 const MOST_FRAGMENTS: u32 = 8192;
 
+/// The stages' own samples among a fragment's streams.
+const DIFFUSE: u32 = 1;
+const GLOSSY: u32 = 2;
+
 /// A secondary ray, and what its light counts for its fragment.
 struct Secondary {
     ray: Ray,
@@ -48,64 +52,77 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
     /// Stage 3: irradiance. With density cosθ/π it is π times the mean of the radiance.
     pub(super) fn diffuse(&self, fragments: &Fragments, meter: &Meter<'_>) -> Gathered {
         let count = self.params.diffuse_rays;
-        self.gather(fragments, 1, count, meter, |fragment, stream, want| {
-            if fragment.diffuse == Vec3::ZERO {
-                return;
-            }
-            let frame = Frame::new(fragment.normal());
-            for number in 0..count {
-                let sampler = Sampler::new(self.params.seed, stream, number);
-                let direction = frame.to_world(cosine_hemisphere(sampler.get_2d(1)));
-                want(Wanted {
-                    direction: direction.normalize(),
-                    weight: Vec3::splat(PI / count as f32),
-                    number,
-                });
-            }
-        })
+        self.gather(
+            fragments,
+            DIFFUSE,
+            count,
+            meter,
+            |fragment, stream, want| {
+                if fragment.diffuse == Vec3::ZERO {
+                    return;
+                }
+                let frame = Frame::new(fragment.normal());
+                for number in 0..count {
+                    let sampler = Sampler::new(self.params.seed, stream, number);
+                    let direction = frame.to_world(cosine_hemisphere(sampler.get_2d(1)));
+                    want(Wanted {
+                        direction: direction.normalize(),
+                        weight: Vec3::splat(PI / count as f32),
+                        number,
+                    });
+                }
+            },
+        )
     }
 
     /// Stage 5: radiance by the metal lobe and through glass. A mirror takes one ray.
     pub(super) fn glossy(&self, fragments: &Fragments, meter: &Meter<'_>) -> Gathered {
         let most = self.params.glossy_rays;
-        self.gather(fragments, 2, 2 * most, meter, |fragment, stream, want| {
-            let material = &fragment.material;
-            let glass = (1.0 - material.metallic) * material.transmission;
-            let mirror = material.roughness < MIRROR_ROUGHNESS;
-            // Of each lobe its material alone, how much of it there is, and its rays.
-            let metal = SurfaceMaterial {
-                metallic: 1.0,
-                ..*material
-            };
-            let dielectric = SurfaceMaterial {
-                metallic: 0.0,
-                transmission: 1.0,
-                ..*material
-            };
-            let lobes = [
-                (metal, material.metallic, if mirror { 1 } else { most }),
-                (dielectric, glass, most),
-            ];
-            let outside = fragment.point.shading_normal.dot(fragment.view) >= 0.0;
-            for (lobe, (material, share, count)) in lobes.into_iter().enumerate() {
-                if share == 0.0 {
-                    continue;
-                }
-                let bsdf = Bsdf::new(fragment.normal(), &material, outside);
-                for number in 0..count {
-                    let number = number + lobe as u32 * most;
-                    let sampler = Sampler::new(self.params.seed, stream, number);
-                    let choice = sampler.get_1d(2);
-                    if let Some(sample) = bsdf.sample(fragment.view, choice, sampler.get_2d(1)) {
-                        want(Wanted {
-                            direction: sample.light,
-                            weight: sample.weight * (share / count as f32),
-                            number,
-                        });
+        self.gather(
+            fragments,
+            GLOSSY,
+            2 * most,
+            meter,
+            |fragment, stream, want| {
+                let material = &fragment.material;
+                let glass = (1.0 - material.metallic) * material.transmission;
+                let mirror = material.roughness < MIRROR_ROUGHNESS;
+                // Of each lobe its material alone, how much of it there is, and its rays.
+                let metal = SurfaceMaterial {
+                    metallic: 1.0,
+                    ..*material
+                };
+                let dielectric = SurfaceMaterial {
+                    metallic: 0.0,
+                    transmission: 1.0,
+                    ..*material
+                };
+                let lobes = [
+                    (metal, material.metallic, if mirror { 1 } else { most }),
+                    (dielectric, glass, most),
+                ];
+                let outside = fragment.point.shading_normal.dot(fragment.view) >= 0.0;
+                for (lobe, (material, share, count)) in lobes.into_iter().enumerate() {
+                    if share == 0.0 {
+                        continue;
+                    }
+                    let bsdf = Bsdf::new(fragment.normal(), &material, outside);
+                    for number in 0..count {
+                        let number = number + lobe as u32 * most;
+                        let sampler = Sampler::new(self.params.seed, stream, number);
+                        let choice = sampler.get_1d(2);
+                        if let Some(sample) = bsdf.sample(fragment.view, choice, sampler.get_2d(1))
+                        {
+                            want(Wanted {
+                                direction: sample.light,
+                                weight: sample.weight * (share / count as f32),
+                                number,
+                            });
+                        }
                     }
                 }
-            }
-        })
+            },
+        )
     }
 
     /// Traces the rays that `make` chooses for each fragment, at most `most`, and sums up what they see.
@@ -119,6 +136,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
     ) -> Gathered {
         let size = (BATCH / most).clamp(1, MOST_FRAGMENTS) as usize;
         let stream = |fragment: &Fragment| 4 * fragment.sample + stage;
+        let sharp = stage == GLOSSY;
         let chunk = |fragments: &[Fragment]| {
             let mut secondary = Vec::new();
             for (index, fragment) in fragments.iter().enumerate() {
@@ -133,7 +151,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
                 if let Some(hit) = hit {
                     let stream = stream(&fragments[one.fragment]);
                     let sampler = Sampler::new(self.params.seed ^ 1, stream, one.number);
-                    let (found, rays) = self.leaving(hit, one.ray.direction, &sampler);
+                    let (found, rays) = self.leaving(hit, one.ray.direction, sharp, &sampler);
                     light[one.fragment] += one.weight * found;
                     shadow_rays += rays;
                 }
@@ -185,16 +203,17 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
     }
 
     /// Radiance that leaves a hit towards where the ray came from, by light straight from the lights; and the rays
-    /// that took.
-    fn leaving(&self, hit: &Hit, direction: Vec3, sampler: &Sampler) -> (Vec3, u64) {
+    /// that took. Only `sharp` rays see metal and glass as such: of the highlights on them a few diffuse rays would find
+    /// one now and then and make a spot of it, so for those all surfaces are diffuse.
+    fn leaving(&self, hit: &Hit, direction: Vec3, sharp: bool, sampler: &Sampler) -> (Vec3, u64) {
         let point = self.scene.surface_point(hit);
         let level = self.params.texture_level;
         let material = self.scene.surface_material_at(&point, level);
         if material.unlit {
             return (Vec3::ZERO, 0);
         }
-        let lambert = self.params.materials == Materials::Lambert;
-        if !lambert && (material.metallic > 0.0 || material.transmission > 0.0) {
+        let sharp = sharp && self.params.materials == Materials::Pbr;
+        if sharp && (material.metallic > 0.0 || material.transmission > 0.0) {
             return self.lights.radiance(&point, -direction, sampler);
         }
         let (irradiance, rays) = self.lights.irradiance(&point, -direction, sampler);

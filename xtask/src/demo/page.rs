@@ -2,9 +2,11 @@
 
 use std::fmt::Write;
 
-use crate::machine::Machine;
+use crate::{
+    html::{STYLE, escape},
+    machine::Machine,
+};
 
-const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
 /// Everything the page shows. Texts are plain; they are escaped here.
@@ -192,15 +194,6 @@ fn row(picture: &Picture, errors: Option<&Errors>, pressed: bool) -> String {
         .map_or_else(String::new, |rate| format!("{:.2} M", rate / 1e6));
     let seconds = picture.seconds;
     format!("<tr><td>{name}</td>{cells}<td>{seconds:.2} s</td><td>{rate}</td></tr>\n")
-}
-
-/// Text as HTML shows it, in elements and quoted attributes.
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
-        .replace('\'', "&#39;")
 }
 
 fn push(text: &mut String, more: std::fmt::Arguments) {

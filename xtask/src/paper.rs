@@ -1,0 +1,30 @@
+//! `cargo xtask paper`: what a paper showed, made again, with its numbers beside ours.
+//!
+//! Each page is one HTML file with its pictures inside, and the same numbers as JSON beside it. Everything is measured
+//! by `isophote` and by the crates' own benches; here it is only put together.
+
+mod lab;
+mod ldi;
+mod page;
+mod plot;
+
+use anyhow::Result;
+
+/// Make a paper's tables and figures again, into target/paper
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    #[command(subcommand)]
+    paper: Paper,
+}
+
+#[derive(clap::Subcommand)]
+enum Paper {
+    Ldi(ldi::Arguments),
+}
+
+/// Makes one page.
+pub(crate) fn run(arguments: &Arguments) -> Result<()> {
+    match &arguments.paper {
+        Paper::Ldi(arguments) => ldi::run(arguments),
+    }
+}
