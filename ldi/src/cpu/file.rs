@@ -306,12 +306,18 @@ fn check(maps: &Maps, params: &LdiParams, scene: &Scene) -> Result<(), &'static 
             .get(instance as usize)
             .is_some_and(|placed| (primitive as usize) < scene.mesh(placed).triangles.len())
     };
-    let known = maps.surfaces.iter().all(|surfaces| {
-        let pairs = surfaces.instances.iter().zip(&surfaces.primitives);
-        pairs
-            .into_iter()
-            .all(|(&instance, &primitive)| instance == u32::MAX || exists(instance, primitive))
-    });
+    // A lane is empty, or a triangle of the scene.
+    let known = maps
+        .blocks
+        .iter()
+        .zip(&maps.surfaces)
+        .all(|(block, surfaces)| {
+            (0..LANES).all(|lane| {
+                let surface = surfaces.surface(lane);
+                exists(surface.instance, surface.primitive)
+                    || surface.instance == u32::MAX && block.corners(lane)[0].x.is_nan()
+            })
+        });
     if !known {
         return Err("a triangle is none of the scene's");
     }

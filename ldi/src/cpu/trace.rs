@@ -22,18 +22,20 @@ use isophote_scene::{Answers, BuildTracer, Hit, Ray, Result, Scene, Selection, S
 use self::{
     kernel::{Kernel, Portable, Scan},
     meet::{Found, Meet, Planes, Question, Triangles},
-    order::{Numbered, counting_sort},
+    order::{Numbered, by_map},
     path::Path,
 };
 use super::{
     build::build,
     file::scene_key,
-    maps::{Layers, Maps, Pixel, TILE, slabs},
+    maps::{Layers, Maps, Pixel, slabs},
 };
 use crate::{Confident, Coverage, Directions, LdiParams};
 
 /// How much more a pixel's width beside a triangle counts than the tangent of the angle to the map.
 const BESIDE: f32 = 4.0;
+/// Rays between the one that is traced and the one whose answer's place is fetched.
+const AHEAD: usize = 8;
 /// Rays that are sorted together in a batch.
 const BATCH: usize = 1 << 20;
 
@@ -148,7 +150,11 @@ impl LdiTracer {
         answers: &mut [T],
         answer: fn(&Found) -> T,
     ) {
-        for Numbered { ray, number } in rays {
+        for (index, Numbered { ray, number }) in rays.iter().enumerate() {
+            // Answers lie far apart; a few rays ahead there is time to fetch their place.
+            if let Some(later) = rays.get(index + AHEAD) {
+                kernel.fetch(&raw const answers[later.number as usize]);
+            }
             let found = match self.way(ray) {
                 Some(way) => self.trace_with::<ANY, K>(kernel, ray, SurfaceId::UNKNOWN, &way),
                 None => Found::nothing(0.0),
@@ -241,7 +247,7 @@ impl LdiTracer {
     ) {
         assert_eq!(rays.len(), answers.len(), "one answer per ray");
         for (rays, answers) in rays.chunks(BATCH).zip(answers.chunks_mut(BATCH)) {
-            let sorted = self.sorted(rays);
+            let sorted = by_map(rays, self.directions);
             #[cfg(target_arch = "x86_64")]
             if let Some(avx2) = self.avx2 {
                 #[expect(unsafe_code, reason = "SIMD instructions")]
@@ -253,46 +259,6 @@ impl LdiTracer {
             }
             self.trace_sorted::<ANY, _, T>(Portable, &sorted, answers, answer);
         }
-    }
-
-    /// Rays with their numbers, those of a map beside each other, and there those that start in one tile: two
-    /// counting sorts, the second of which stays in the cache.
-    fn sorted(&self, rays: &[Ray]) -> Vec<Numbered> {
-        let maps = self.directions.maps();
-        let by_map: Vec<Numbered> = counting_sort(
-            rays.iter()
-                .zip(0..)
-                .map(|(&ray, number)| Numbered { ray, number }),
-            rays.len(),
-            maps,
-            |numbered| self.directions.nearest(numbered.ray.direction),
-        );
-        // A few rays in each tile.
-        let tiles =
-            ((rays.len() / (4 * maps)).isqrt() as u32).clamp(1, self.maps.resolution / TILE);
-        if tiles == 1 {
-            return by_map;
-        }
-        let scale = f64::from(tiles) / f64::from(self.maps.resolution);
-        let tile = |p: f64| (p * scale).clamp(0.0, f64::from(tiles - 1)) as usize;
-        let map_of = |numbered: &Numbered| self.directions.nearest(numbered.ray.direction);
-        let mut sorted = Vec::with_capacity(rays.len());
-        for rays in by_map.chunk_by(|a, b| map_of(a) == map_of(b)) {
-            let map = map_of(&rays[0]);
-            let (frame, axis) = (&self.maps.frames[map], self.directions.axis(map));
-            let key = |numbered: &Numbered| {
-                let place = frame.place(axis, numbered.ray.origin);
-                tile(place.y) * tiles as usize + tile(place.x)
-            };
-            let buckets = (tiles * tiles) as usize;
-            sorted.extend(counting_sort(
-                rays.iter().copied(),
-                rays.len(),
-                buckets,
-                key,
-            ));
-        }
-        sorted
     }
 }
 

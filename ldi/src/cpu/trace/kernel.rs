@@ -18,6 +18,10 @@ pub(crate) trait Kernel: Copy {
 
     fn triangles(self, shear: &Shear) -> Self::Triangles;
 
+    /// Brings the place of an answer into the cache.
+    #[inline(always)]
+    fn fetch<T>(self, _place: *const T) {}
+
     /// A bit for each of 8 layers whose range of depths meets [low, high].
     fn narrow(self, layers: &[u32; 8], low: u32, high: u32) -> u32;
 

@@ -182,15 +182,18 @@ impl Crossings<'_> {
         if self.tau >= least(limit, self.path.end) {
             return false;
         }
-        if self.next_x < self.next_y {
-            self.x += self.step_x;
-            self.border_x += self.step_x as f32;
-            self.next_x = (self.border_x - self.path.start.x) * self.path.inverse.x;
+        // Which way it goes cannot be foretold, so both are calculated.
+        let (across, up) = if self.next_x < self.next_y {
+            (self.step_x, 0)
         } else {
-            self.y += self.step_y;
-            self.border_y += self.step_y as f32;
-            self.next_y = (self.border_y - self.path.start.y) * self.path.inverse.y;
-        }
+            (0, self.step_y)
+        };
+        self.x += across;
+        self.y += up;
+        self.border_x += across as f32;
+        self.border_y += up as f32;
+        self.next_x = (self.border_x - self.path.start.x) * self.path.inverse.x;
+        self.next_y = (self.border_y - self.path.start.y) * self.path.inverse.y;
         let last = self.path.last as u32;
         (self.x as u32 <= last) & (self.y as u32 <= last)
     }

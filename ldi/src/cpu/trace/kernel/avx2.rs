@@ -40,6 +40,12 @@ impl Kernel for Avx2 {
     }
 
     #[inline(always)]
+    fn fetch<T>(self, place: *const T) {
+        // SAFETY: prefetching any address is harmless.
+        unsafe { _mm_prefetch::<_MM_HINT_ET0>(place.cast()) }
+    }
+
+    #[inline(always)]
     fn narrow(self, layers: &[u32; 8], low: u32, high: u32) -> u32 {
         // SAFETY: `self` proves that the instructions exist.
         unsafe { narrow(layers, low, high) }
