@@ -14,7 +14,7 @@
 
 pub mod build;
 mod file;
-mod filter;
+pub(crate) mod filter;
 mod fragments;
 mod gather;
 mod light;
@@ -206,7 +206,7 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'a, E, S> {
     }
 }
 
-fn check_size([width, height]: [u32; 2], samples: u32) -> Result<()> {
+pub(crate) fn check_size([width, height]: [u32; 2], samples: u32) -> Result<()> {
     let samples = u64::from(width) * u64::from(height) * u64::from(samples);
     if (1..=MOST_SAMPLES).contains(&samples) {
         return Ok(());

@@ -6,8 +6,12 @@
 //! | building (§3.1) | `cpu/build.rs` | `gpu/build.rs`, `shaders/build/*.wesl` |
 //! | tracing (§3.2) | `cpu/trace.rs` | `shaders/trace.wesl` |
 //! | planes within pixels | `cpu/trace/meet.rs` | `shaders/plane.wesl` |
+//! | the hybrid renderer (§4, §5) | `cpu.rs` | `gpu/hybrid.rs` |
+//! | its stages | `cpu/{fragments,light,gather,filter}.rs` | `shaders/{fragments,light,gather,filter,combine}.wesl` |
 
 mod build;
+mod hybrid;
+mod kernel;
 mod upload;
 
 use std::sync::Arc;
@@ -19,7 +23,10 @@ use isophote_scene::{
     shader_package,
 };
 
-pub use self::build::BuildMethod;
+pub use self::{
+    build::BuildMethod,
+    hybrid::{Hybrid, StageTextures},
+};
 use self::{
     build::MapBuilder,
     upload::{Words, faces, words},
@@ -39,6 +46,11 @@ pub const SHADERS: ShaderPackage = shader_package!(
         "build/scan",
         "build/single_pass",
         "build/sort",
+        "combine",
+        "filter",
+        "fragments",
+        "gather",
+        "light",
         "maps",
         "plane",
         "trace",

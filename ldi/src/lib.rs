@@ -8,7 +8,7 @@
 //! 4. [`WithFallback`]: doubtful answers are asked of another tracer.
 //! 5. [`cpu`]: the hybrid renderer (§4, §5), over any two tracers.
 //!
-//! On GPUs (feature `gpu`, module `gpu`) maps are built and walked in shaders; the other stages are on the CPU.
+//! Stages 2, 3 and 5 have twins in shaders (feature `gpu`, module `gpu`).
 //!
 //! # From the paper to the code
 //!

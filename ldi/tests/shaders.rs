@@ -3,10 +3,15 @@
 
 use std::sync::Arc;
 
-use isophote_ldi::{Coverage, LdiParams, gpu::LdiGpuTracer};
+use isophote_ldi::{
+    Coverage, HybridParams, LdiParams, Shadows,
+    gpu::{Hybrid, LdiGpuTracer},
+};
 use isophote_scene::{
     Selection, builtin,
-    gpu::{BuildGpuTracer, Context, GpuScene, GpuTracer, RayBatch},
+    gpu::{
+        BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, GpuTracer, RayBatch, reference::World,
+    },
 };
 
 #[test]
@@ -33,5 +38,51 @@ fn batches_build_in_buffers_and_in_textures() {
             assert_eq!(tracer.shader_flags().is_empty(), !in_textures);
             RayBatch::new(&context, &gpu_scene, &tracer).unwrap();
         }
+    }
+}
+
+#[test]
+fn the_hybrid_renderer_builds() {
+    let cornell = builtin::build("builtin:cornell").unwrap();
+    let mut glass = cornell.clone();
+    for material in &mut glass.materials {
+        material.transmission = 0.5;
+    }
+    let context = Context::noop();
+    for (scene, samples, shadows, light_filter_width) in [
+        (cornell, 1, Shadows::Exact, 1),
+        (glass, 4, Shadows::Secondary, 5),
+    ] {
+        let scene = Arc::new(scene);
+        let gpu_scene = GpuScene::new(&context, &scene).unwrap();
+        let selection = Selection::default();
+        let exact = ComputeBvhTracer::build(&context, &scene, &selection, &()).unwrap();
+        let maps = LdiParams {
+            cells: 2,
+            resolution: 16,
+            ..LdiParams::default()
+        };
+        let secondary = LdiGpuTracer::build(&context, &scene, &selection, &maps).unwrap();
+        let params = HybridParams {
+            samples,
+            shadows,
+            light_filter_width,
+            ..HybridParams::default()
+        };
+        let world = World {
+            scene: &scene,
+            gpu_scene: &gpu_scene,
+            exact: &exact,
+            secondary: &secondary,
+        };
+        let hybrid = Hybrid::new(&context, world, &params, [33, 20]).unwrap();
+        let mut encoder = context.device().create_command_encoder(&Default::default());
+        let camera = &scene.cameras[0];
+        hybrid
+            .record(&context, &mut encoder, world, camera, None)
+            .unwrap();
+        context.submit("hybrid", encoder).unwrap();
+        // This device computes nothing, which is found out.
+        assert!(hybrid.read(&context).is_err());
     }
 }

@@ -120,7 +120,7 @@ fn guides(fragments: &Fragments, camera: &Camera, [width, height]: [usize; 2]) -
 }
 
 /// The camera as the filters know it, where it stands, and where it looks.
-fn pinhole(camera: &Camera) -> Result<(Pinhole, Vec3, Vec3)> {
+pub(crate) fn pinhole(camera: &Camera) -> Result<(Pinhole, Vec3, Vec3)> {
     let axes = camera.transform.matrix3;
     let axis = |axis: glam::Vec3A, other| Vec3::from(axis).normalize_or(other);
     let right = axis(axes.x_axis, Vec3::X);

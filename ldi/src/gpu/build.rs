@@ -9,7 +9,6 @@
 //! Then the layers of each pixel are sorted (`sort.wesl`). Maps are built in groups, of each of which the number of layers
 //! is read back, since memory cannot be allocated by the device; depth peeling also reads whether there are more.
 
-mod kernel;
 mod peel;
 mod single_pass;
 #[cfg(test)]
@@ -18,8 +17,10 @@ mod tests;
 use bytemuck::{Pod, Zeroable};
 use isophote_scene::{Error, Result, gpu::Context};
 
-use self::kernel::{Kernel, grid, storage, uniform};
-use super::upload::{Head, Words, faces};
+use super::{
+    kernel::{Kernel, grid, storage, uniform},
+    upload::{Head, Words, faces},
+};
 use crate::{
     Coverage,
     cpu::{

@@ -3,10 +3,8 @@
 
 use isophote_scene::{Result, gpu::Context};
 
-use super::{
-    Budget, Compacted, Group, Source,
-    kernel::{Kernel, PrefixSum, bind, linker, storage, uniform},
-};
+use super::{Budget, Compacted, Group, Source};
+use crate::gpu::kernel::{Kernel, PrefixSum, bind, linker, storage, uniform};
 
 /// Pixels of a group: the layers of all passes are kept until they are compacted.
 pub(super) const MOST_PIXELS: u32 = 1 << 20;

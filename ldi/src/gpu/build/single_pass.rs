@@ -4,10 +4,8 @@ use std::iter::once;
 
 use isophote_scene::{Result, gpu::Context};
 
-use super::{
-    Budget, Compacted, Group, Source,
-    kernel::{PrefixSum, bind, linker, storage, uniform},
-};
+use super::{Budget, Compacted, Group, Source};
+use crate::gpu::kernel::{PrefixSum, bind, linker, storage, uniform};
 
 /// Pixels of a group.
 pub(super) const MOST_PIXELS: u32 = 1 << 23;

@@ -6,7 +6,7 @@ use isophote_scene::{
     gpu::{Context, Linker},
 };
 
-use crate::gpu::SHADERS;
+use super::SHADERS;
 
 /// A compute shader that binds group 0 alone: what it asks for, in the order of its bindings.
 pub(super) struct Kernel {

@@ -1,0 +1,438 @@
+//! The hybrid renderer (§4, §5) as wgpu passes, stage by stage as [`crate::cpu`]:
+//!
+//! 1. The G-buffer, rasterised; `fragments` reads it, one shading per primitive and pixel.
+//! 2. `light`: direct light, with shadows by exact rays or by the maps.
+//! 3. `gather`: diffuse secondary rays, a few a pixel, single bounce.
+//! 4. `filter`, and between its two shaders the two-pass Gaussian of `isophote-filters`.
+//! 5. `gather`: glossy and mirror rays.
+//! 6. `combine`; each intermediate of the paper's Fig. 5 is a texture.
+//!
+//! Samples, rays and lights are chosen as on the CPU. What differs: positions are depths along the pixels' rays, and with
+//! several samples a pixel a triangle is looked at nearest to the pixel's centre, not at its first sample.
+//!
+//! Stages 3 and 5 take one ray of each sample at a time, which the secondary tracer answers and the exact one lights: a
+//! shader knows one tracer. Of the 8 storage buffers of a stage the scene takes 3, the tracer 2 and this 3.
+
+mod passes;
+mod read;
+
+use bytemuck::{Pod, Zeroable};
+use isophote_filters::{
+    Pinhole,
+    gpu::{Format, Gaussian, Guides},
+};
+use isophote_scene::{
+    Answers, Camera,
+    gpu::{
+        Context, GBuffer, GBufferPass, GpuTracer, Rasters, Timer,
+        reference::{LightTables, World},
+    },
+    reference::Materials,
+    sample::hash_seed,
+};
+
+use self::passes::{Passes, Target, Unbound, textures};
+use crate::{
+    HybridParams, Result, Shadows,
+    cpu::{check_size, filter::pinhole},
+};
+
+/// Most samples of a dispatch: even a slow tracer lights so many in a moment.
+const MOST_SAMPLES: u32 = 1 << 18;
+/// Uniform buffers are bound at multiples of this on every device.
+const STRIDE: usize = 256;
+
+/// `Params` of fragments.wesl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct GpuParams {
+    seed: u32,
+    bounced_seed: u32,
+    samples: u32,
+    light_rays: u32,
+    diffuse_rays: u32,
+    glossy_rays: u32,
+    texture_level: f32,
+    blurs_light: u32,
+    eye: [f32; 3],
+    padding: u32,
+    forward: [f32; 3],
+    more_padding: u32,
+}
+
+/// `Piece` of fragments.wesl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct Piece {
+    first: u32,
+    count: u32,
+    number: u32,
+    stage: u32,
+}
+
+/// The stages that take rays, as numbered in fragments.wesl.
+const DIRECT: u32 = 0;
+const DIFFUSE: u32 = 1;
+const GLOSSY: u32 = 2;
+
+/// The stages' results: textures of `Rgba32Float`, linear RGB and 1, as [`Stages`](crate::Stages).
+#[derive(Debug)]
+pub struct StageTextures {
+    /// Radiance by light straight from the lights.
+    pub direct: wgpu::Texture,
+    /// Irradiance by one diffuse bounce, as the few rays of each pixel found it. Its fourth channel is how much of the pixel
+    /// scatters diffusely.
+    pub irradiance: wgpu::Texture,
+    /// The same after the Gaussian.
+    pub filtered: wgpu::Texture,
+    /// Radiance by the filtered irradiance.
+    pub diffuse: wgpu::Texture,
+    /// Radiance by glossy and mirror rays, and by those through glass.
+    pub glossy: wgpu::Texture,
+    /// The sum of direct, diffuse and glossy.
+    pub picture: wgpu::Texture,
+}
+
+/// Renders pictures of one size as the paper does.
+#[derive(Debug)]
+pub struct Hybrid {
+    params: HybridParams,
+    size: [u32; 2],
+    gbuffer: GBuffer,
+    /// `None` where another renderer fills the G-buffer.
+    raster: Option<GBufferPass>,
+    rasters: Rasters,
+    settings: wgpu::Buffer,
+    pieces: Pieces,
+    passes: Passes,
+    guides: Option<Guides>,
+    gaussian: Gaussian,
+    /// `None` where it would do nothing.
+    light_gaussian: Option<Gaussian>,
+    target: Target,
+    stages: StageTextures,
+}
+
+/// The dispatches of the stages that take rays.
+#[derive(Debug)]
+struct Pieces {
+    all: Vec<Piece>,
+    buffer: wgpu::Buffer,
+}
+
+impl Pieces {
+    fn new(
+        context: &Context,
+        world: &World<'_>,
+        params: &HybridParams,
+        samples: u32,
+    ) -> Result<Self> {
+        let counts = [1, params.diffuse_rays, glossy_rays(world, params)];
+        let mut all = Vec::new();
+        for (stage, count) in [DIRECT, DIFFUSE, GLOSSY].into_iter().zip(counts) {
+            for number in 0..count {
+                all.extend(
+                    (0..samples)
+                        .step_by(MOST_SAMPLES as usize)
+                        .map(|first| Piece {
+                            first,
+                            count: MOST_SAMPLES.min(samples - first),
+                            number,
+                            stage,
+                        }),
+                );
+            }
+        }
+        let mut bytes = vec![0_u8; STRIDE * all.len()];
+        for (place, piece) in bytes.chunks_exact_mut(STRIDE).zip(&all) {
+            place[..size_of::<Piece>()].copy_from_slice(bytemuck::bytes_of(piece));
+        }
+        let buffer = context.buffer("pieces", &bytes, wgpu::BufferUsages::UNIFORM)?;
+        Ok(Self { all, buffer })
+    }
+
+    /// Those of a stage: where each lies in the buffer, and its number of samples.
+    fn of(&self, stage: u32) -> impl Iterator<Item = (u32, u32)> {
+        (0..)
+            .step_by(STRIDE)
+            .zip(&self.all)
+            .filter(move |(_, piece)| piece.stage == stage)
+            .map(|(offset, piece)| (offset, piece.count))
+    }
+}
+
+/// Rays of the glossy stage: none where nothing is glossy; those through glass after those of metal.
+fn glossy_rays(world: &World<'_>, params: &HybridParams) -> u32 {
+    let has = |what: fn(&isophote_scene::Material) -> f32| {
+        let pbr = params.materials == Materials::Pbr;
+        pbr && world.scene.materials.iter().any(|one| what(one) > 0.0)
+    };
+    match (has(|one| one.metallic), has(|one| one.transmission)) {
+        (_, true) => 2 * params.glossy_rays,
+        (true, false) => params.glossy_rays,
+        (false, false) => 0,
+    }
+}
+
+impl Hybrid {
+    /// A renderer for pictures of a size in pixels.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`](crate::Error::Parameter) and [`Error::Filter`](crate::Error::Filter) for parameters out of their
+    /// range and a size of zero or of more than 2²⁵ samples; [`Error::Scene`](crate::Error::Scene) when a tracer does not
+    /// answer [`Answers::Surface`], its module does not link, or the device allows no such textures and buffers.
+    pub fn new(
+        context: &Context,
+        world: World<'_>,
+        params: &HybridParams,
+        size: [u32; 2],
+    ) -> Result<Self> {
+        params.check()?;
+        check_size(size, params.samples)?;
+        let gbuffer = GBuffer::new(context, size, params.samples)?;
+        let raster = GBufferPass::new(context, params.samples)?;
+        Self::with(context, world, params, gbuffer, Some(raster))
+    }
+
+    /// A renderer over a G-buffer that another renderer fills. It must tell instances and primitives; its number of samples
+    /// stands for that of `params`.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn over(
+        context: &Context,
+        world: World<'_>,
+        params: &HybridParams,
+        gbuffer: GBuffer,
+    ) -> Result<Self> {
+        let params = HybridParams {
+            samples: gbuffer.samples(),
+            ..*params
+        };
+        params.check()?;
+        check_size(gbuffer.size(), params.samples)?;
+        Self::with(context, world, &params, gbuffer, None)
+    }
+
+    fn with(
+        context: &Context,
+        world: World<'_>,
+        params: &HybridParams,
+        gbuffer: GBuffer,
+        raster: Option<GBufferPass>,
+    ) -> Result<Self> {
+        for (tracer, role) in [
+            (world.exact, "the exact tracer"),
+            (world.secondary, "the secondary tracer"),
+        ] {
+            check_answers(tracer, role)?;
+        }
+        let size = gbuffer.size();
+        let samples = size[0] * size[1] * params.samples;
+        let rasters = Rasters::new(context, Some(&gbuffer), None)?;
+        let gaussian = |width: u32| {
+            let twin = isophote_filters::Gaussian::new(width as usize, params.filter_sigma)?;
+            Gaussian::new(context, &twin, params.edges, size, Format::Single)
+        };
+        let settings = context.buffer::<GpuParams>("hybrid", &[], wgpu::BufferUsages::UNIFORM)?;
+        let pieces = Pieces::new(context, &world, params, samples)?;
+        let lights = LightTables::new(context, world.scene, params.materials)?;
+        let (target, stages) = textures(context, size, samples.min(MOST_SAMPLES), samples)?;
+        let passes = Unbound::new(context, &world, params, &rasters)?;
+        let passes = passes.bound(
+            context,
+            &settings,
+            &pieces.buffer,
+            &lights,
+            &target,
+            &stages,
+        )?;
+        Ok(Self {
+            params: *params,
+            size,
+            raster,
+            rasters,
+            settings,
+            pieces,
+            passes,
+            guides: match params.edges {
+                None => None,
+                // The camera comes with each picture.
+                Some(_) => Some(Guides::new(context, size, &Pinhole::at_origin(1.0)?)?),
+            },
+            gaussian: gaussian(params.filter_width)?,
+            light_gaussian: match params.light_filter_width {
+                1 => None,
+                width => Some(gaussian(width)?),
+            },
+            gbuffer,
+            target,
+            stages,
+        })
+    }
+
+    /// The textures that [`record`](Self::record) fills.
+    pub fn stages(&self) -> &StageTextures {
+        &self.stages
+    }
+
+    /// Records all stages for what a camera sees. `world` is that of [`new`](Self::new), where it is now. The camera is
+    /// passed by the queue, so that there can be one picture per submission. Passes that the renderer itself records are
+    /// timed: `G-buffer`, `direct`, `diffuse`, `glossy`, `filter`, `combine`.
+    ///
+    /// # Errors
+    /// [`Error::Scene`](crate::Error::Scene) when recording fails.
+    pub fn record(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        world: World<'_>,
+        camera: &Camera,
+        mut timer: Option<&mut Timer>,
+    ) -> Result<()> {
+        self.set_camera(context, camera)?;
+        if let Some(raster) = &self.raster {
+            let timer = timer.as_deref_mut();
+            raster.record(
+                context,
+                encoder,
+                world.gpu_scene,
+                camera,
+                &self.gbuffer,
+                timer,
+            )?;
+        }
+        let secondary_shadows = self.params.shadows == Shadows::Secondary;
+        let direct = if secondary_shadows {
+            world.secondary
+        } else {
+            world.exact
+        };
+        let stages = [
+            (DIRECT, "direct", vec![(&self.passes.direct, direct)]),
+            (DIFFUSE, "diffuse", self.gather(&world)),
+            (GLOSSY, "glossy", self.gather(&world)),
+        ];
+        for (stage, name, pipelines) in stages {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some(name),
+                timestamp_writes: timer.as_deref_mut().and_then(|timer| timer.compute(name)),
+            });
+            pass.set_bind_group(2, world.gpu_scene.bind_group(), &[]);
+            pass.set_bind_group(3, self.rasters.bind_group(), &[]);
+            for (offset, samples) in self.pieces.of(stage) {
+                for (pipeline, tracer) in &pipelines {
+                    pass.set_pipeline(pipeline);
+                    pass.set_bind_group(0, self.passes.rays(), &[offset]);
+                    pass.set_bind_group(1, tracer.bind_group(), &[]);
+                    pass.dispatch_workgroups(samples.div_ceil(64), 1, 1);
+                }
+            }
+        }
+        self.over_pixels(encoder, &world, &self.passes.resolve, timer.as_deref_mut());
+        self.filter(context, encoder, &world)?;
+        self.over_pixels(encoder, &world, &self.passes.combine, timer);
+        Ok(())
+    }
+
+    fn gather<'a>(
+        &'a self,
+        world: &World<'a>,
+    ) -> Vec<(&'a wgpu::ComputePipeline, &'a dyn GpuTracer)> {
+        vec![
+            (&self.passes.trace, world.secondary),
+            (&self.passes.shade, world.exact),
+        ]
+    }
+
+    /// Stage 4.
+    fn filter(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        world: &World<'_>,
+    ) -> Result<()> {
+        let Target {
+            irradiance,
+            light_irradiance,
+            normals,
+            depths,
+            blurred,
+            blurred_light,
+            ..
+        } = &self.target;
+        if let Some(guides) = &self.guides {
+            guides.record(context, encoder, normals, depths)?;
+        }
+        let guides = self.guides.as_ref();
+        self.gaussian
+            .record(context, encoder, irradiance, guides, blurred)?;
+        self.over_pixels(encoder, world, &self.passes.mean, None);
+        if let Some(gaussian) = &self.light_gaussian {
+            gaussian.record(context, encoder, light_irradiance, guides, blurred_light)?;
+            self.over_pixels(encoder, world, &self.passes.light_mean, None);
+        }
+        Ok(())
+    }
+
+    /// Records a pass over all pixels.
+    fn over_pixels(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        world: &World<'_>,
+        (name, pipeline, group): &(&'static str, wgpu::ComputePipeline, wgpu::BindGroup),
+        timer: Option<&mut Timer>,
+    ) {
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some(name),
+            timestamp_writes: timer.and_then(|timer| timer.compute(name)),
+        });
+        pass.set_pipeline(pipeline);
+        pass.set_bind_group(0, group, &[]);
+        pass.set_bind_group(1, world.exact.bind_group(), &[]);
+        pass.set_bind_group(2, world.gpu_scene.bind_group(), &[]);
+        pass.set_bind_group(3, self.rasters.bind_group(), &[]);
+        let [columns, rows] = self.size.map(|side| side.div_ceil(8));
+        pass.dispatch_workgroups(columns, rows, 1);
+    }
+
+    fn set_camera(&self, context: &Context, camera: &Camera) -> Result<()> {
+        let (pinhole, eye, forward) = pinhole(camera)?;
+        if let Some(guides) = &self.guides {
+            guides.set_camera(context, &pinhole);
+        }
+        let params = &self.params;
+        let settings = GpuParams {
+            seed: hash_seed(params.seed),
+            bounced_seed: hash_seed(params.seed ^ 1),
+            samples: params.samples,
+            light_rays: params.light_rays,
+            diffuse_rays: params.diffuse_rays,
+            glossy_rays: params.glossy_rays,
+            texture_level: params.texture_level,
+            blurs_light: u32::from(self.light_gaussian.is_some()),
+            eye: eye.to_array(),
+            forward: forward.to_array(),
+            ..GpuParams::zeroed()
+        };
+        context.check("hybrid", |_| {
+            let bytes = bytemuck::bytes_of(&settings);
+            context.queue().write_buffer(&self.settings, 0, bytes);
+        })?;
+        Ok(())
+    }
+}
+
+fn check_answers(tracer: &dyn GpuTracer, role: &str) -> Result<()> {
+    let answered = tracer.answers();
+    if answered >= Answers::Surface {
+        return Ok(());
+    }
+    Err(isophote_scene::Error::TracerKnowsLess {
+        technique: "ldi",
+        needed: Answers::Surface,
+        tracer: role.into(),
+        answered,
+    }
+    .into())
+}

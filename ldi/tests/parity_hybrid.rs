@@ -1,0 +1,185 @@
+//! The hybrid renderer in shaders beside the CPU's, stage by stage.
+//!
+//! Both take the same samples. What rounding changes is a shadow ray or a secondary ray here and there that passes an edge
+//! on the other side, which shows in single pixels; what is left is compared pixel by pixel.
+#![cfg(feature = "gpu")]
+#![expect(clippy::unwrap_used, reason = "tests may")]
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use isophote_ldi::{
+    Coverage, Hybrid, HybridParams, LdiParams, LdiTracer, Stages,
+    gpu::{self, LdiGpuTracer},
+};
+use isophote_scene::{
+    BuildTracer, BvhOptions, BvhTracer, LightKind, Scene, Selection, builtin,
+    gpu::{BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, Timer, reference::World},
+    reference::Tracers,
+};
+
+const SIZE: [u32; 2] = [48, 36];
+
+fn maps_params() -> LdiParams {
+    LdiParams {
+        coverage: Coverage::Touched,
+        resolution: 64,
+        ..LdiParams::default()
+    }
+}
+
+fn on_cpu(scene: &Arc<Scene>, params: &HybridParams) -> Stages {
+    let selection = Selection::default();
+    let exact = BvhTracer::build(scene, &selection, &BvhOptions::default()).unwrap();
+    let secondary = LdiTracer::build(scene, &selection, &maps_params()).unwrap();
+    let tracers = Tracers {
+        exact: &exact,
+        secondary: &secondary,
+    };
+    let hybrid = Hybrid::new(scene, tracers, params).unwrap();
+    hybrid.render(&scene.cameras[0], SIZE, &|_, _| {}).unwrap()
+}
+
+fn on_gpu(context: &Context, scene: &Arc<Scene>, params: &HybridParams) -> Stages {
+    let selection = Selection::default();
+    let gpu_scene = GpuScene::new(context, scene).unwrap();
+    let exact = ComputeBvhTracer::build(context, scene, &selection, &()).unwrap();
+    let secondary = LdiGpuTracer::build(context, scene, &selection, &maps_params()).unwrap();
+    let world = World {
+        scene,
+        gpu_scene: &gpu_scene,
+        exact: &exact,
+        secondary: &secondary,
+    };
+    let hybrid = gpu::Hybrid::new(context, world, params, SIZE).unwrap();
+    let mut encoder = context.device().create_command_encoder(&Default::default());
+    let mut timer = Timer::new(context, 16);
+    let camera = &scene.cameras[0];
+    hybrid
+        .record(context, &mut encoder, world, camera, Some(&mut timer))
+        .unwrap();
+    timer.resolve(&mut encoder);
+    context.submit("hybrid", encoder).unwrap();
+    let stages = hybrid.read(context).unwrap();
+    println!("{:?}", timer.read(context).unwrap());
+    stages
+}
+
+/// How two pictures differ: the bias, and the shares of pixels that are off by more than 1 % and 10 % of the mean.
+fn differences(found: &[Vec3], expected: &[Vec3]) -> [f32; 3] {
+    let mean = |values: &[Vec3]| {
+        values.iter().map(|value| value.element_sum()).sum::<f32>() / (3 * values.len()) as f32
+    };
+    let whole = mean(expected);
+    let off = |limit: f32| {
+        let pairs = found.iter().zip(expected);
+        let off = pairs.filter(|(a, b)| (**a - **b).abs().max_element() > limit * whole);
+        off.count() as f32 / expected.len() as f32
+    };
+    [mean(found) / whole - 1.0, off(0.01), off(0.1)]
+}
+
+/// Compares all stages with samples in the middle of pixels.
+fn check(context: &Context, name: &str, scene: &Arc<Scene>, params: &HybridParams) {
+    let (expected, found) = (on_cpu(scene, params), on_gpu(context, scene, params));
+    let stages = found.layers().into_iter().zip(expected.layers());
+    for ((stage, found), (_, expected)) in
+        stages.chain([(("picture", &found.picture[..]), ("", &expected.picture[..]))])
+    {
+        if expected.iter().all(|value| *value == Vec3::ZERO) {
+            assert!(
+                found.iter().all(|value| *value == Vec3::ZERO),
+                "{name}, {stage}"
+            );
+            continue;
+        }
+        let [bias, off, far_off] = differences(found, expected);
+        println!(
+            "{name}, {stage}: bias {bias:.5}, {off:.4} and {far_off:.4} of the pixels off by 1 % and 10 %"
+        );
+        // The filter spreads what single rays find.
+        let most = match stage {
+            "direct" | "glossy" | "irradiance.noisy" => [0.02, 0.01],
+            _ => [0.1, 0.02],
+        };
+        assert!(
+            bias.abs() < 0.01 && off < most[0] && far_off < most[1],
+            "{name}, {stage}: {bias} {off} {far_off}"
+        );
+    }
+}
+
+/// An office whose lamps have an extent, and of which something glows.
+fn office() -> Arc<Scene> {
+    let mut office = builtin::build("builtin:office").unwrap();
+    for light in &mut office.lights {
+        if let LightKind::Point { radius } = &mut light.kind {
+            *radius = 0.1;
+        }
+    }
+    let last = office.instances.last().unwrap();
+    let material = office.mesh(last).triangle_materials[0] as usize;
+    office.materials[material].emissive = Vec3::new(0.5, 0.3, 0.1);
+    Arc::new(office)
+}
+
+fn params() -> HybridParams {
+    HybridParams {
+        light_rays: 4,
+        glossy_rays: 4,
+        ..HybridParams::default()
+    }
+}
+
+#[test]
+fn stages_are_the_cpus() {
+    let Some(context) = Context::for_tests() else {
+        return;
+    };
+    let office = office();
+    check(&context, "stopped at edges", &office, &params());
+    let filtered = HybridParams {
+        light_filter_width: 5,
+        edges: None,
+        ..params()
+    };
+    check(&context, "light filtered", &office, &filtered);
+}
+
+fn rms(a: &[Vec3], b: &[Vec3]) -> f32 {
+    let squares = a.iter().zip(b).map(|(a, b)| (*a - *b).length_squared());
+    (squares.sum::<f32>() / (3 * a.len()) as f32).sqrt()
+}
+
+/// With four samples a pixel the GPU looks at a triangle near the pixel's centre, the CPU at its first sample, up to half
+/// a pixel away: they differ by little more than two pictures of the CPU with other seeds do.
+#[test]
+fn four_samples_are_the_cpus_but_for_noise() {
+    let Some(context) = Context::for_tests() else {
+        return;
+    };
+    let cornell = Arc::new(builtin::build("builtin:cornell").unwrap());
+    let params = HybridParams {
+        samples: 4,
+        light_rays: 16,
+        ..params()
+    };
+    let (expected, found) = (
+        on_cpu(&cornell, &params),
+        on_gpu(&context, &cornell, &params),
+    );
+    let other = on_cpu(&cornell, &HybridParams { seed: 1, ..params });
+    let layers = found.layers().into_iter().zip(expected.layers());
+    for (((stage, found), (_, expected)), (_, other)) in layers.zip(other.layers()) {
+        if stage == "glossy" {
+            continue;
+        }
+        let [bias, ..] = differences(found, expected);
+        let [error, noise] = [found, other].map(|picture| rms(picture, expected));
+        println!("{stage}: bias {bias:.5}, error {error:.5} where noise is {noise:.5}");
+        assert!(
+            bias.abs() < 0.02 && error < 2.5 * noise,
+            "{stage}: {bias} {error} {noise}"
+        );
+    }
+}
