@@ -16,7 +16,7 @@ use isophote_ldi::{
     Confident, Coverage, Directions, LdiParams, LdiTracer, WithFallback, cpu::maps::Maps,
 };
 use isophote_scene::{
-    Aabb, BuildTracer, BvhOptions, BvhTracer, Hit, Ray, Scene, Selection, Tracer, load,
+    Aabb, BuildTracer, BvhOptions, BvhTracer, Hit, Ray, Scene, Selection, Tracer, builtin, load,
     reference::{Materials, Quantity, Settings, Tracers, render},
     sample::{Frame, Sampler, cosine_hemisphere, uniform_sphere},
     testing::{Tolerances, conformance},
@@ -43,7 +43,11 @@ struct Arguments {
 fn main() {
     let arguments = Arguments::parse(std::env::args().skip(1));
     for name in &arguments.scenes {
-        let scene = Arc::new(load(Path::new(name)).expect("a scene"));
+        let scene = match builtin::is_builtin(name) {
+            true => builtin::build(name),
+            false => load(Path::new(name)),
+        };
+        let scene = Arc::new(scene.expect("a scene"));
         Bench::new(&arguments, name, scene).run();
     }
 }

@@ -17,6 +17,7 @@
 //! in one plane over each other, so it is never left to chance which material a ray meets.
 
 mod atrium;
+mod cave;
 mod cornell;
 mod corner;
 mod hairball;
@@ -56,6 +57,10 @@ pub const NAMES: &[(&str, &str)] = &[
         "hairball",
         "thin random strands; hairball:N has N triangles (1,000 to 5,000,000, 250,000 unless given)",
     ),
+    (
+        "cave",
+        "a hollow of one wavy surface; cave:N has about N triangles (1,000 to 5,000,000, 100,000 unless given)",
+    ),
 ];
 
 /// Whether a scene argument names a built-in scene (existing or not) and no file: it starts with [`PREFIX`].
@@ -79,7 +84,7 @@ pub fn build(spec: &str) -> Result<Scene> {
         Some(value) => Err(Error::Parameter {
             name: "the number behind the built-in scene's name",
             value: format!("'{value}'"),
-            expected: "only corner and hairball take one",
+            expected: "only corner, hairball and cave take one",
         }),
     };
     match name {
@@ -88,6 +93,7 @@ pub fn build(spec: &str) -> Result<Scene> {
         "atrium" => plain(atrium::build),
         "office" => plain(office::build),
         "hairball" => number(parameter, hairball::TRIANGLES).map(hairball::build),
+        "cave" => number(parameter, cave::TRIANGLES).map(cave::build),
         _ => Err(Error::UnknownBuiltin {
             name: name.to_owned(),
             known: NAMES

@@ -351,7 +351,7 @@ impl Shape {
 }
 
 /// Sine and cosine of the polar angle; exactly 0 and ±1 at the poles.
-fn pole_to_pole(i: usize, rings: usize) -> (f32, f32) {
+pub(super) fn pole_to_pole(i: usize, rings: usize) -> (f32, f32) {
     match i {
         0 => (0.0, 1.0),
         i if i == rings => (0.0, -1.0),

@@ -34,6 +34,7 @@ const SCENES: &[Expected] = &[
         [-4.0, 0.0, -1.61],
         [4.0, 5.01, 4.01],
     ),
+    ("cave:10000", 9_500, 10_000, [-3.6; 3], [3.6; 3]),
 ];
 
 fn world_triangles(scene: &Scene) -> Vec<[Vec3; 3]> {

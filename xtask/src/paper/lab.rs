@@ -145,7 +145,12 @@ impl Lab {
         ));
         let package = format!("--package={package}");
         let mut command = cargo(["bench", "--quiet", &package, "--bench=trace", "--"]);
-        command.arg(&scene.path);
+        // Cargo runs benches in the folder of their crate.
+        if scene.is_builtin {
+            command.arg(&scene.path);
+        } else {
+            command.arg(root().join(&scene.path));
+        }
         let bounds = scene
             .flags
             .iter()

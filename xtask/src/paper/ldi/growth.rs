@@ -16,8 +16,7 @@ const TEXT: &str = "One thread, diffuse rays, closest hit, layers 'touched' and 
 
 const DIRECTIONS: [&str; 4] = ["2x128", "4x128", "8x128", "16x128"];
 const RESOLUTIONS: [&str; 5] = ["4x64", "4x128", "4x256", "4x512", "4x1024"];
-/// On a side of each of three planes: six times the square as many triangles, and those of the objects on them.
-const VERTICES: [&str; 5] = ["14", "41", "130", "409", "708"];
+const TRIANGLES: [&str; 5] = ["1000", "10000", "100000", "1000000", "3000000"];
 
 /// What is drawn of every measurement.
 const CURVES: [(&str, &str); 3] = [
@@ -47,10 +46,10 @@ pub(super) fn measure(lab: &Lab) -> Result<(Section, Value)> {
         let directions = of_cases(few(&DIRECTIONS))?;
         let resolutions = of_cases(few(&RESOLUTIONS))?;
         let mut triangles = Vec::new();
-        for count in few(&VERTICES) {
+        for count in few(&TRIANGLES) {
             let surface = Scene {
-                path: format!("builtin:corner:{count}"),
-                title: format!("corner:{count}"),
+                path: format!("builtin:cave:{count}"),
+                title: format!("cave:{count}"),
                 flags: Vec::new(),
                 is_builtin: true,
             };

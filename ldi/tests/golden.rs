@@ -1,0 +1,120 @@
+//! The hybrid renderer's pictures of built-in scenes are as bright as they were, and no further from the exact ones.
+//!
+//! `ISOPHOTE_GOLDEN=write cargo test -p isophote-ldi --test golden` writes what is measured into `golden.json`.
+#![expect(clippy::unwrap_used, reason = "tests")]
+
+use std::{collections::BTreeMap, fs, path::Path, sync::Arc};
+
+use glam::Vec3;
+use isophote_ldi::{Coverage, Hybrid, HybridParams, LdiParams, LdiTracer, Stages};
+use isophote_scene::{
+    BuildTracer, BvhOptions, BvhTracer, Scene, Selection, Tracer, builtin, reference::Tracers,
+};
+
+const SIZE: [u32; 2] = [40, 30];
+const SCENES: [&str; 3] = ["cornell", "corner", "office"];
+/// Means are the same up to rounding, which decides where light falls on an edge.
+const SAME: f64 = 0.01;
+/// Errors may be smaller.
+const WORSE: f64 = 1.1;
+
+type Metrics = BTreeMap<String, f64>;
+
+fn render(
+    scene: &Scene,
+    exact: &BvhTracer,
+    secondary: &dyn Tracer,
+    params: &HybridParams,
+) -> Stages {
+    let tracers = Tracers { exact, secondary };
+    let hybrid = Hybrid::new(scene, tracers, params).unwrap();
+    hybrid.render(&scene.cameras[0], SIZE, &|_, _| {}).unwrap()
+}
+
+fn mean(values: &[Vec3]) -> f64 {
+    let sum: f64 = values
+        .iter()
+        .map(|value| f64::from(value.element_sum()))
+        .sum();
+    sum / (3 * values.len()) as f64
+}
+
+fn relative_rmse(values: &[Vec3], truth: &[Vec3]) -> f64 {
+    let pairs = values.iter().zip(truth);
+    let squares: f64 = pairs
+        .map(|(a, b)| f64::from((*a - *b).length_squared()))
+        .sum();
+    (squares / (3 * truth.len()) as f64).sqrt() / mean(truth)
+}
+
+/// Means of the stages, what each kind of layers gets wrong, and what each filter does.
+fn measure(name: &str) -> Metrics {
+    let scene = Arc::new(builtin::build(name).unwrap());
+    let everything = Selection::default();
+    let exact = BvhTracer::build(&scene, &everything, &BvhOptions::default()).unwrap();
+    let paper = HybridParams::default();
+    let truth = render(&scene, &exact, &exact, &paper);
+    let many = HybridParams {
+        diffuse_rays: 128,
+        light_rays: 1,
+        filter_width: 1,
+        ..paper
+    };
+    let converged = render(&scene, &exact, &exact, &many);
+    let plain = HybridParams {
+        edges: None,
+        ..paper
+    };
+    let blurred = render(&scene, &exact, &exact, &plain);
+    let mut metrics = Metrics::new();
+    for (stage, light) in [
+        ("direct", &truth.direct),
+        ("diffuse", &truth.diffuse),
+        ("glossy", &truth.glossy),
+        ("picture", &truth.picture),
+    ] {
+        metrics.insert(format!("mean of {stage}"), mean(light));
+    }
+    for (filter, light) in [("edges", &truth), ("nowhere", &blurred)] {
+        let error = relative_rmse(&light.diffuse, &converged.diffuse);
+        metrics.insert(format!("error of the filter that stops at {filter}"), error);
+    }
+    for (layers, coverage) in [("touched", Coverage::Touched), ("center", Coverage::Center)] {
+        let params = LdiParams {
+            resolution: 64,
+            coverage,
+            ..LdiParams::default()
+        };
+        let maps = LdiTracer::build(&scene, &everything, &params).unwrap();
+        let stages = render(&scene, &exact, &maps, &paper);
+        let error = relative_rmse(&stages.picture, &truth.picture);
+        metrics.insert(format!("error of layers {layers}"), error);
+    }
+    metrics
+}
+
+#[test]
+fn pictures_are_as_they_were() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden.json");
+    let now: BTreeMap<&str, Metrics> = SCENES.map(|name| (name, measure(name))).into();
+    if std::env::var_os("ISOPHOTE_GOLDEN").is_some_and(|what| what == "write") {
+        fs::write(&path, serde_json::to_string_pretty(&now).unwrap() + "\n").unwrap();
+        return;
+    }
+    let golden: BTreeMap<String, Metrics> =
+        serde_json::from_str(&fs::read_to_string(&path).unwrap()).unwrap();
+    assert_eq!(golden.len(), SCENES.len());
+    for (scene, metrics) in now {
+        let golden = &golden[scene];
+        assert!(metrics.keys().eq(golden.keys()), "{scene}");
+        for (name, value) in metrics {
+            let was = golden[&name];
+            let fine = if name.starts_with("mean") {
+                (value - was).abs() <= SAME * was
+            } else {
+                value <= WORSE * was + 1e-6
+            };
+            assert!(fine, "{scene}: {name} was {was} and is {value}");
+        }
+    }
+}
