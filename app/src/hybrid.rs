@@ -11,6 +11,14 @@ use isophote_scene::{
     reference::{Estimate, Layers, Normals, Progress, Quantity, Render},
 };
 
+#[cfg(feature = "gpu")]
+use isophote_scene::gpu::{
+    GpuTracer, Timer,
+    reference::{Integrator, World},
+};
+
+#[cfg(feature = "gpu")]
+use crate::gpu::Gpu;
 use crate::{
     reference::{Ground, Made, Order},
     values,
@@ -22,6 +30,9 @@ const QUANTITIES: [Quantity; 3] = [Quantity::Direct, Quantity::Indirect, Quantit
 pub(crate) const BOUNCES: u32 = 2;
 /// Layers of the picture beside the quantities.
 pub(crate) const STAGES: u64 = 5;
+/// Most passes that are timed.
+#[cfg(feature = "gpu")]
+const PASSES: u32 = 8;
 /// What a sample takes while it is worked on, bytes.
 pub(crate) const SAMPLE_BYTES: u64 = 512;
 
@@ -124,34 +135,88 @@ pub(crate) fn render(
     order: Order<'_>,
     progress: &dyn Progress,
 ) -> Result<Made> {
-    let tracers = ground
-        .on_cpu()
-        .context("the technique ldi runs on the CPU: leave out --device gpu and --adapter")?;
+    #[cfg(feature = "gpu")]
+    if let Some((gpu, exact)) = ground.on_gpu() {
+        return on_gpu(args, scene, gpu, exact, order, progress);
+    }
+    let tracers = ground.on_cpu().context("there is no tracer")?;
     let hybrid = Hybrid::new(scene, tracers, &args.params(&order))?;
     let stages = hybrid.render(order.camera, order.size, progress)?;
+    let layers = Layers::of(
+        scene,
+        tracers.exact,
+        order.camera,
+        order.size,
+        Normals::Smooth,
+    );
+    Ok(made(stages, layers, &order, BTreeMap::new()))
+}
+
+/// In one submission.
+#[cfg(feature = "gpu")]
+fn on_gpu(
+    args: &HybridArgs,
+    scene: &Scene,
+    gpu: &Gpu,
+    exact: &dyn GpuTracer,
+    order: Order<'_>,
+    progress: &dyn Progress,
+) -> Result<Made> {
+    let context = &gpu.context;
+    let world = World {
+        scene,
+        gpu_scene: &gpu.scene,
+        exact,
+        secondary: &*gpu.tracer,
+    };
+    let params = args.params(&order);
+    let hybrid = isophote_ldi::gpu::Hybrid::new(context, world, &params, order.size)?;
+    let mut timer = Timer::new(context, PASSES);
+    let mut encoder = context.device().create_command_encoder(&Default::default());
+    hybrid.record(context, &mut encoder, world, order.camera, Some(&mut timer))?;
+    timer.resolve(&mut encoder);
+    context.submit("the technique ldi", encoder)?;
+    let mut stages = hybrid.read(context)?;
+    progress.advance(1, 1);
+    let times = timer.read(context)?.into_iter();
+    let gpu_seconds: BTreeMap<String, f64> = times
+        .map(|pass| (pass.name, pass.time.as_secs_f64()))
+        .collect();
+    for pass in &mut stages.passes {
+        pass.seconds = gpu_seconds.get(pass.name).copied().unwrap_or_default();
+    }
+    let integrator = Integrator::new(context)?;
+    let layers = integrator.layers(world, order.camera, order.size, Normals::Smooth)?;
+    Ok(made(stages, layers, &order, gpu_seconds))
+}
+
+fn made(
+    stages: Stages,
+    layers: Layers,
+    order: &Order<'_>,
+    gpu_seconds: BTreeMap<String, f64>,
+) -> Made {
     let estimate = |&quantity| Estimate {
         quantity,
         values: values(&stages, quantity),
         // There are no two halves.
         noise: f32::NAN,
     };
-    let exact = tracers.exact;
-    let layers = Layers::of(scene, exact, order.camera, order.size, Normals::Smooth);
     let render = Render {
         size: order.size,
         estimates: order.quantities.iter().map(estimate).collect(),
         layers,
         rays: stages.rays(),
     };
-    Ok(Made {
+    Made {
         render,
         stages: stages
             .layers()
             .map(|(name, values)| (name, values.to_vec()))
             .into(),
         passes: stages.passes,
-        gpu_seconds: BTreeMap::new(),
-    })
+        gpu_seconds,
+    }
 }
 
 fn values(stages: &Stages, quantity: Quantity) -> Vec<Vec3> {

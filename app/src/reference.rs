@@ -103,6 +103,15 @@ impl Ground {
         }
     }
 
+    /// The GPU and the tracer there that is exact, where it is a GPU that answers.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn on_gpu(&self) -> Option<(&Gpu, &dyn GpuTracer)> {
+        match self {
+            Self::Cpu { .. } => None,
+            Self::Gpu { gpu, exact } => Some((gpu, exact.as_deref().unwrap_or(&*gpu.tracer))),
+        }
+    }
+
     /// Held by the tracer's own structures.
     pub(crate) fn bytes(&self) -> usize {
         match self {

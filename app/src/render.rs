@@ -132,8 +132,8 @@ type Size = [u32; 2];
 enum Technique {
     /// Path tracing: the right answer, given enough samples
     Reference,
-    /// Layered depth images: direct light and one bounce of few diffuse and glossy rays a pixel, filtered; on the CPU,
-    /// by the tracer ldi unless another is given
+    /// Layered depth images: direct light and one bounce of few diffuse and glossy rays a pixel, filtered; by the tracer
+    /// ldi unless another is given
     Ldi,
 }
 

@@ -154,6 +154,51 @@ fn a_gpu_renders_the_same_picture() {
 }
 
 #[test]
+fn the_technique_ldi_renders_the_same_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let Some(adapter) = adapters(at).into_iter().next() else {
+        return;
+    };
+    let name = adapter["name"].as_str().unwrap();
+    let render = [
+        "render",
+        "builtin:cornell",
+        "--technique=ldi",
+        "--size=24x18",
+        "--ldi-cells=2",
+        "--ldi-resolution=32",
+        "--ldi-light-rays=2",
+        "--json",
+    ];
+    let on_cpu = json(
+        at,
+        &[&render[..], &["--device=cpu", "-o", "cpu.exr"]].concat(),
+    );
+    let chosen = ["--device=gpu", "--adapter", name, "-o", "gpu.exr"];
+    let on_gpu = json(at, &[&render[..], &chosen].concat());
+    assert_eq!(on_gpu["settings"]["tracer"], "ldi");
+    assert!(
+        on_gpu["device"].as_str().unwrap().contains(name),
+        "{on_gpu}"
+    );
+    // The GPU rasterises what the camera's rays find.
+    let camera = on_cpu["passes"][0]["rays"].as_f64().unwrap();
+    let [found, expected] = [&on_gpu, &on_cpu].map(|report| report["rays"].as_f64().unwrap());
+    assert!((found / (expected - camera) - 1.0).abs() < 1e-2, "{on_gpu}");
+    for layer in ["", "direct", "diffuse", "irradiance.indirect"] {
+        let compare = ["compare", "gpu.exr", "cpu.exr", "--json"];
+        let layer: &[&str] = match layer {
+            "" => &[],
+            layer => &["--layer", layer],
+        };
+        let compared = json(at, &[&compare[..], layer].concat());
+        let error = compared["rel_rmse"].as_f64().unwrap();
+        assert!(error < 0.03, "{layer:?}: {compared}");
+    }
+}
+
+#[test]
 fn wrong_devices_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();

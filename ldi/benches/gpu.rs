@@ -11,7 +11,7 @@ use isophote_ldi::{
     gpu::{BuildMethod, LdiGpuTracer},
 };
 use isophote_scene::{
-    BuildTracer, BvhOptions, BvhTracer, Ray, Scene, Selection, Tracer,
+    BuildTracer, BvhOptions, BvhTracer, Ray, Scene, Selection, Tracer, builtin,
     gpu::{
         Adapter, AdapterChoice, BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, GpuTracer,
         RayBatch,
@@ -37,7 +37,11 @@ fn main() {
     let context = adapter.open().expect("a device");
     println!("{}", adapter.info.name);
     for name in scenes {
-        let scene = Arc::new(load(Path::new(&name)).expect("a scene"));
+        let scene = match name.strip_prefix(builtin::PREFIX) {
+            Some(_) => builtin::build(&name),
+            None => load(Path::new(&name)),
+        };
+        let scene = Arc::new(scene.expect("a scene"));
         println!("{name}: {} triangles", scene.triangle_count());
         measure(&context, &scene);
     }

@@ -82,6 +82,14 @@ fn differences(found: &[Vec3], expected: &[Vec3]) -> [f32; 3] {
 /// Compares all stages with samples in the middle of pixels.
 fn check(context: &Context, name: &str, scene: &Arc<Scene>, params: &HybridParams) {
     let (expected, found) = (on_cpu(scene, params), on_gpu(context, scene, params));
+    for pass in &found.passes {
+        let twin = expected.passes.iter().find(|twin| twin.name == pass.name);
+        let rays = twin.map_or(0, |twin| twin.rays + twin.shadow_rays);
+        assert!(
+            pass.rays.abs_diff(rays) <= rays / 200,
+            "{name}: {pass:?}, on the CPU {rays} rays"
+        );
+    }
     let stages = found.layers().into_iter().zip(expected.layers());
     for ((stage, found), (_, expected)) in
         stages.chain([(("picture", &found.picture[..]), ("", &expected.picture[..]))])

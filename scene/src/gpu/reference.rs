@@ -176,14 +176,18 @@ impl Integrator {
         Ok((estimates(quantities, settings, &halves), rays))
     }
 
-    /// What the camera sees through the centres of pixels, in rows that together are not too many rays.
-    fn layers(
+    /// What a camera sees through the centres of pixels, in rows that together are not too many rays.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for a size of zero, and what [`RayBatch`] can return.
+    pub fn layers(
         &self,
         world: World<'_>,
         camera: &Camera,
         size: [u32; 2],
         normals: Normals,
     ) -> Result<Layers> {
+        check_size(size)?;
         const RAYS: u32 = 1 << 20;
         let context = &self.context;
         let [width, height] = size;

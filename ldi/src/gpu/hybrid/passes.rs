@@ -66,7 +66,7 @@ pub(super) fn textures(
         irradiance: whole(&stages.irradiance),
         light_irradiance: view("irradiance of direct light", color)?,
         normals: view("normals", color)?,
-        depths: view("depths", TextureFormat::R32Float)?,
+        depths: view("depths", color)?,
         blurred: view("blurred irradiance", color)?,
         blurred_light: view("blurred direct light", color)?,
         filtered_light: view("filtered direct light", color)?,
@@ -119,7 +119,6 @@ const TEXTURE: BindingType = BindingType::Texture {
     multisampled: false,
 };
 const COLOR: BindingType = output(TextureFormat::Rgba32Float);
-const DEPTH: BindingType = output(TextureFormat::R32Float);
 
 const fn buffer(ty: BufferBindingType, has_dynamic_offset: bool) -> BindingType {
     BindingType::Buffer {
@@ -158,7 +157,7 @@ impl Layouts {
         };
         let common = [(0, UNIFORM), (1, UNIFORM), (3, WRITTEN)];
         let rays = [(2, PIECE), (4, READ), (5, WRITTEN)];
-        let resolve = [(6, COLOR), (7, COLOR), (8, COLOR), (9, DEPTH)];
+        let resolve = [(6, COLOR), (7, COLOR), (8, COLOR), (9, COLOR)];
         let combine = [
             (12, TEXTURE),
             (13, TEXTURE),
