@@ -7,7 +7,8 @@ use crate::gpu::has_hardware;
 use anyhow::{Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use isophote_scene::{
-    BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Camera, Levels, Scene, Selection, Tracer,
+    BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Camera, Leaves, Levels, Scene, Selection,
+    Tracer,
 };
 
 use crate::{
@@ -169,6 +170,7 @@ impl TracerArgs {
                 BvhLevels::Flat => Levels::Flat,
                 BvhLevels::Two => Levels::Two,
             },
+            leaves: Leaves::Triangles,
         }
     }
 

@@ -19,7 +19,7 @@ use glam::{Affine3A, Vec2, Vec3};
 
 pub use self::{
     brute_force::{BruteForceTracer, WorldTriangle, check_transforms, world_triangles},
-    bvh::{BvhOptions, BvhTracer, Levels},
+    bvh::{BvhOptions, BvhTracer, Leaves, Levels},
     triangle::Shear,
 };
 use crate::{Aabb, InstanceMask, Result, Scene};

@@ -41,8 +41,15 @@ fn exact_tracers_conform() {
             let scene = scene(name, scale);
             let oracle: BruteForceTracer = build(&scene);
             for levels in [Levels::Flat, Levels::Two] {
-                let bvh = BvhTracer::build(&scene, &Selection::default(), &BvhOptions { levels })
-                    .expect("has triangles");
+                let bvh = BvhTracer::build(
+                    &scene,
+                    &Selection::default(),
+                    &BvhOptions {
+                        levels,
+                        ..BvhOptions::default()
+                    },
+                )
+                .expect("has triangles");
                 let report = conformance(&scene, &bvh, &oracle, &Tolerances::EXACT, count, 1);
                 let what = format!("{name} at {scale}, {levels:?}\n{report}");
                 assert!(report.violations.is_empty(), "{what}");

@@ -26,7 +26,15 @@ fn scaled(mut scene: Scene, scale: f32) -> Arc<Scene> {
 }
 
 fn bvh(scene: &Arc<Scene>, levels: Levels) -> BvhTracer {
-    BvhTracer::build(scene, &Selection::default(), &BvhOptions { levels }).expect("has triangles")
+    BvhTracer::build(
+        scene,
+        &Selection::default(),
+        &BvhOptions {
+            levels,
+            ..BvhOptions::default()
+        },
+    )
+    .expect("has triangles")
 }
 
 /// With one level and with two: hits that one tracer has and the other has not, hits that differ in t by 10⁻⁶ of the

@@ -4,12 +4,15 @@
 //! 2. `wide`: the binary tree is collapsed into nodes of eight children and leaves of up to eight triangles.
 //! 3. `traverse`: a ray walks the tree, nearest children first; `slabs` says why no hit is lost on the way.
 //! 4. `kernel`: eight boxes or triangles are tested at once, with AVX2 where the processor has it.
-//! 5. `instances`: a tree over trees, for meshes that are placed often or move ([`Levels`]).
+//! 5. `boxes`: leaves may stand for the boxes around their triangles ([`Leaves`]).
+//! 6. `instances`: a tree over trees, for meshes that are placed often or move ([`Levels`]).
 //!
-//! Answers are exactly those of [`BruteForceTracer`](crate::BruteForceTracer), bit by bit, with one level or two.
+//! With triangles, answers are exactly those of [`BruteForceTracer`](crate::BruteForceTracer), bit by bit, with one
+//! level or two.
 
 pub(crate) mod binary;
 mod blocks;
+mod boxes;
 mod instances;
 mod kernel;
 mod slabs;
@@ -38,6 +41,19 @@ use crate::{Error, Result, Scene};
 pub struct BvhOptions {
     /// How instances are held. The answers do not depend on it.
     pub levels: Levels,
+    /// What rays are tested against.
+    pub leaves: Leaves,
+}
+
+/// What a [`BvhTracer`] tests rays against.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Leaves {
+    /// Triangles: exact.
+    #[default]
+    Triangles,
+    /// The boxes around triangles in the world: imperfect visibility (MS10 §4.1). A box is hit where the ray enters it,
+    /// unless it contains either end of the ray. Answers [`Distance`](Answers::Distance); what masks cut away counts.
+    Boxes,
 }
 
 /// How a [`BvhTracer`] holds instances.
@@ -79,12 +95,14 @@ impl Levels {
     }
 }
 
-/// Finds exactly what [`BruteForceTracer`](crate::BruteForceTracer) finds, fast, by a bounding volume hierarchy.
+/// Finds exactly what [`BruteForceTracer`](crate::BruteForceTracer) finds, fast, by a bounding volume hierarchy; or the
+/// boxes around triangles ([`Leaves::Boxes`]).
 #[derive(Clone, Debug)]
 pub struct BvhTracer {
     scene: Arc<Scene>,
     selection: Selection,
     tree: Tree,
+    leaves: Leaves,
     #[cfg(target_arch = "x86_64")]
     avx2: Option<kernel::Avx2>,
 }
@@ -142,6 +160,7 @@ impl BvhTracer {
             scene: &self.scene,
             t_min: ray.t_min,
             start,
+            leaves: self.leaves,
         };
         let mut found = Found::nothing(ray.t_max);
         if ray.is_valid() {
@@ -235,7 +254,10 @@ impl BvhTracer {
 
 impl Tracer for BvhTracer {
     fn answers(&self) -> Answers {
-        Answers::Surface
+        match self.leaves {
+            Leaves::Triangles => Answers::Surface,
+            Leaves::Boxes => Answers::Distance,
+        }
     }
 
     fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
@@ -285,6 +307,7 @@ impl BuildTracer for BvhTracer {
             scene: scene.clone(),
             selection: *selection,
             tree,
+            leaves: options.leaves,
             #[cfg(target_arch = "x86_64")]
             avx2: kernel::Avx2::detect(),
         })

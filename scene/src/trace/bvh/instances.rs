@@ -277,7 +277,7 @@ impl Structure for InstanceTree {
         let limit = slabs.limit(found.t);
         let mut visitor = Instances::<ANY, K> {
             tree: self,
-            aim: &Aim::new(kernel, ray),
+            aim: &Aim::new(kernel, ray, question.leaves),
             direction: Vec3A::from(ray.direction) / scale,
             padding: padding(ray.origin.into(), &self.top.bounds),
             ray,

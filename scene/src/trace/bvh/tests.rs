@@ -6,7 +6,7 @@ use proptest::{prelude::*, sample::Index};
 use super::*;
 use crate::{
     Aabb, Alpha, BruteForceTracer, ColorSpace, Instance, InstanceMask, Material, Mesh, Texture,
-    TextureRef,
+    TextureRef, sample::Sampler,
 };
 
 /// A mesh in which every triangle has its own corners.
@@ -37,8 +37,17 @@ fn scene(meshes: Vec<(Mesh, Vec<Affine3A>)>) -> Scene {
 
 /// One level and two, each with and without special instructions.
 fn tracers(scene: &Arc<Scene>, selection: &Selection) -> Vec<(&'static str, BvhTracer)> {
-    let build =
-        |levels| BvhTracer::build(scene, selection, &BvhOptions { levels }).expect("has triangles");
+    let build = |levels| {
+        BvhTracer::build(
+            scene,
+            selection,
+            &BvhOptions {
+                levels,
+                ..BvhOptions::default()
+            },
+        )
+        .expect("has triangles")
+    };
     let (flat, two) = (build(Levels::Flat), build(Levels::Two));
     vec![
         ("flat, portable", portable(flat.clone())),
@@ -225,7 +234,7 @@ proptest! {
         let selection = Selection { bounds, ..Selection::default() };
         let Ok(mut exact) = BruteForceTracer::build(&scene, &selection, &()) else {
             for levels in [Levels::Flat, Levels::Two] {
-                let built = BvhTracer::build(&scene, &selection, &BvhOptions { levels });
+                let built = BvhTracer::build(&scene, &selection, &BvhOptions { levels, ..BvhOptions::default() });
                 let is_refused = matches!(built, Err(Error::NoGeometry { .. }));
                 prop_assert!(is_refused);
             }
@@ -398,7 +407,14 @@ fn a_mesh_is_held_once() {
     let held = |count, levels| {
         let scene = Arc::new(scene(vec![(soup(&corners), places(count).collect())]));
         let selection = Selection::default();
-        let tracer = BvhTracer::build(&scene, &selection, &BvhOptions { levels });
+        let tracer = BvhTracer::build(
+            &scene,
+            &selection,
+            &BvhOptions {
+                levels,
+                ..BvhOptions::default()
+            },
+        );
         (
             tracer.expect("has triangles").bytes(),
             levels.are_two(&scene, &selection),
@@ -412,4 +428,53 @@ fn a_mesh_is_held_once() {
         Levels::Auto.are_two(&scene, &Selection::default())
     };
     assert!(!is_two(80) && is_two(81));
+}
+
+/// Boxes are hit where a slow reading of the rule says, in one level and in two.
+#[test]
+fn leaves_may_be_boxes() {
+    let scene =
+        Arc::new(crate::builtin::build("builtin:cornell").expect("a built-in scene"));
+    let selection = Selection::default();
+    let triangles = world_triangles(&scene, &scene.transforms(), &selection);
+    let boxes: Vec<Aabb> = triangles
+        .iter()
+        .map(|triangle| Aabb::around(triangle.corners))
+        .collect();
+    let enters = |ray: &Ray, bounds: &Aabb| {
+        let (mut enter, mut leave) = (f32::NEG_INFINITY, f32::INFINITY);
+        for axis in 0..3 {
+            let inverse = 1.0 / ray.direction[axis];
+            let [a, b] = [bounds.min, bounds.max].map(|p| (p[axis] - ray.origin[axis]) * inverse);
+            enter = enter.max(a.min(b));
+            leave = leave.min(a.max(b));
+        }
+        (enter <= leave && enter > ray.t_min && leave < ray.t_max).then_some(enter)
+    };
+    for levels in [Levels::Flat, Levels::Two] {
+        let leaves = Leaves::Boxes;
+        let options = BvhOptions { levels, leaves };
+        let tracer = BvhTracer::build(&scene, &selection, &options).expect("has triangles");
+        assert_eq!(tracer.answers(), Answers::Distance);
+        let mut met = 0;
+        for index in 0..2000 {
+            let sampler = Sampler::new(7, 0, index);
+            let [p, q] = [0, 1].map(|dimension| {
+                let u = sampler.get_2d(dimension);
+                let size = scene.bounds().max - scene.bounds().min;
+                let w = sampler.get_1d(dimension + 2);
+                scene.bounds().min + size * Vec3::new(u.x, u.y, w)
+            });
+            let ray = Ray::new(p, q - p).until(1.0);
+            let nearest = boxes
+                .iter()
+                .filter_map(|bounds| enters(&ray, bounds))
+                .fold(f32::INFINITY, f32::min);
+            let found = tracer.closest_hit(&ray).map_or(f32::INFINITY, |hit| hit.t);
+            assert_eq!(found, nearest, "ray {index}, {levels:?}");
+            assert_eq!(tracer.any_hit(&ray), nearest.is_finite());
+            met += usize::from(nearest.is_finite());
+        }
+        assert!((200..1900).contains(&met), "{met}");
+    }
 }

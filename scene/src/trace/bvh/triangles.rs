@@ -6,9 +6,10 @@ use glam::Vec2;
 use rayon::prelude::*;
 
 use super::{
-    Structure,
+    Leaves, Structure,
     binary::BinaryTree,
     blocks::{Block, Blocks, LANES, Triangle},
+    boxes::{BoxRay, Boxes},
     kernel::Kernel,
     slabs::Slabs,
     traverse::{Visitor, walk},
@@ -67,6 +68,21 @@ impl TriangleTree {
         found: &mut Found,
     ) -> bool {
         let limit = place.limit(found.t);
+        if let Some(ray) = &aim.boxes {
+            let mut visitor = Boxes::<ANY, _, _> {
+                kernel: aim.kernel,
+                ray,
+                blocks: &self.blocks,
+                place,
+                question,
+                found,
+            };
+            return if ANY {
+                walk::<false, K>(aim.kernel, &self.tree, place.slabs(), limit, &mut visitor)
+            } else {
+                walk::<true, K>(aim.kernel, &self.tree, place.slabs(), limit, &mut visitor)
+            };
+        }
         let mut visitor = Triangles::<ANY, _, _> {
             blocks: &self.blocks,
             aim,
@@ -92,25 +108,29 @@ impl Structure for TriangleTree {
         found: &mut Found,
     ) {
         let world = World(&Slabs::new(ray, &self.tree.bounds));
-        self.search::<ANY, K>(&Aim::new(kernel, ray), &world, question, found);
+        let aim = Aim::new(kernel, ray, question.leaves);
+        self.search::<ANY, K>(&aim, &world, question, found);
     }
 }
 
-/// A ray made ready for triangle tests, which are always done in the world.
+/// A ray made ready for the tests of leaves, which are always done in the world.
 pub(crate) struct Aim<K: Kernel> {
     pub(crate) kernel: K,
     shear: Shear,
     wide: K::Triangles,
+    /// Where boxes are asked for.
+    boxes: Option<BoxRay>,
 }
 
 impl<K: Kernel> Aim<K> {
     #[inline(always)]
-    pub(crate) fn new(kernel: K, ray: &Ray) -> Self {
+    pub(crate) fn new(kernel: K, ray: &Ray, leaves: Leaves) -> Self {
         let shear = Shear::new(ray);
         Self {
             kernel,
             shear,
             wide: kernel.triangles(&shear),
+            boxes: (leaves == Leaves::Boxes).then(|| BoxRay::new(ray)),
         }
     }
 }
@@ -122,6 +142,7 @@ pub(crate) struct Question<'a> {
     pub(crate) t_min: f32,
     /// A triangle that is not hit.
     pub(crate) start: SurfaceId,
+    pub(crate) leaves: Leaves,
 }
 
 /// How a tree lies in the world.
@@ -190,6 +211,16 @@ impl Found {
         }
     }
 
+    /// A hit.
+    #[inline(always)]
+    pub(crate) fn at(t: f32, uv: Vec2, surface: SurfaceId) -> Self {
+        Self {
+            t,
+            uv,
+            surface: Some(surface),
+        }
+    }
+
     pub(crate) fn hit(&self) -> Option<Hit> {
         self.surface.map(|surface| Hit {
             t: self.t,
@@ -241,11 +272,7 @@ impl<const ANY: bool, K: Kernel, P: Place> Visitor for Triangles<'_, ANY, K, P> 
             {
                 continue;
             }
-            *self.found = Found {
-                t,
-                uv,
-                surface: Some(surface),
-            };
+            *self.found = Found::at(t, uv, surface);
             if ANY {
                 return true;
             }
