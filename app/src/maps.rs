@@ -5,11 +5,9 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::{Args, ValueEnum};
-use glam::Vec3;
-use isophote_ldi::{Confident, Coverage, LdiParams, LdiTracer, WithFallback};
+use isophote_ldi::{Coverage, LdiParams, LdiTracer};
 use isophote_scene::{
-    Answers, BuildTracer, BvhTracer, Hit, InstanceMask, Ray, Selection, SurfaceId, Tracer,
-    check_writable,
+    BuildTracer, BvhTracer, Confident, InstanceMask, Ray, Selection, WithFallback, check_writable,
 };
 use serde::Serialize;
 
@@ -158,7 +156,7 @@ impl LdiArgs {
         info.exact_share = Some(sent as f64 / probes.len() as f64);
         Ok(BuiltTracer {
             bytes: maps.bytes() + exact.bytes(),
-            tracer: Box::new(Dialled { maps, exact, least }),
+            tracer: Box::new(WithFallback::new(maps, exact, least)),
             maps: Some(info),
         })
     }
@@ -233,52 +231,5 @@ impl MapsInfo {
             ("ldi-layers", self.layers.to_owned()),
             ("ldi-epsilon", self.epsilon.to_string()),
         ]
-    }
-}
-
-/// [`WithFallback`] that owns its tracers.
-struct Dialled {
-    maps: LdiTracer,
-    exact: BvhTracer,
-    least: f32,
-}
-
-impl Dialled {
-    fn dial(&self) -> WithFallback<'_, LdiTracer, BvhTracer> {
-        WithFallback::new(&self.maps, &self.exact, self.least)
-    }
-}
-
-impl Tracer for Dialled {
-    fn answers(&self) -> Answers {
-        self.dial().answers()
-    }
-
-    fn tolerance(&self, point: Vec3) -> f32 {
-        self.dial().tolerance(point)
-    }
-
-    fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
-        self.dial().closest_hit(ray)
-    }
-
-    fn any_hit(&self, ray: &Ray) -> bool {
-        self.dial().any_hit(ray)
-    }
-
-    fn closest_hit_from(&self, ray: &Ray, start: SurfaceId) -> Option<Hit> {
-        self.dial().closest_hit_from(ray, start)
-    }
-
-    fn any_hit_from(&self, ray: &Ray, start: SurfaceId) -> bool {
-        self.dial().any_hit_from(ray, start)
-    }
-
-    fn closest_hits(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        self.dial().closest_hits(rays, hits);
-    }
-
-    fn any_hits(&self, rays: &[Ray], hits: &mut [bool]) {
-        self.dial().any_hits(rays, hits);
     }
 }

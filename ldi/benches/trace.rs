@@ -12,11 +12,10 @@
 use std::{path::Path, sync::Arc, time::Instant};
 
 use glam::Vec3;
-use isophote_ldi::{
-    Confident, Coverage, Directions, LdiParams, LdiTracer, WithFallback, cpu::maps::Maps,
-};
+use isophote_ldi::{Coverage, Directions, LdiParams, LdiTracer, cpu::maps::Maps};
 use isophote_scene::{
-    Aabb, BuildTracer, BvhOptions, BvhTracer, Hit, Ray, Scene, Selection, Tracer, builtin, load,
+    Aabb, BuildTracer, BvhOptions, BvhTracer, Confident, Hit, Ray, Scene, Selection, Tracer,
+    WithFallback, builtin, load,
     reference::{Materials, Quantity, Settings, Tracers, render},
     sample::{Frame, Sampler, cosine_hemisphere, uniform_sphere},
     testing::{Tolerances, conformance},

@@ -116,15 +116,11 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'a, E, S> {
         params: &HybridParams,
     ) -> Result<Self> {
         params.check()?;
-        let answered = tracers.secondary.answers();
-        if answered < Answers::Surface {
-            return Err(isophote_scene::Error::TracerKnowsLess {
-                technique: "ldi",
-                needed: Answers::Surface,
-                tracer: "the secondary tracer".into(),
-                answered,
-            }
-            .into());
+        for (role, answers) in [
+            ("the exact tracer", tracers.exact.answers()),
+            ("the secondary tracer", tracers.secondary.answers()),
+        ] {
+            answers.require(Answers::Surface, "ldi", role)?;
         }
         let gaussian = |width: u32| Gaussian::new(width as usize, params.filter_sigma);
         Ok(Self {

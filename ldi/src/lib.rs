@@ -5,7 +5,7 @@
 //! 1. [`Directions`]: which maps there are, and which one is for a ray (§3.1).
 //! 2. [`cpu::build`]: the maps of a scene (§3.1), laid out as [`cpu::maps`] says.
 //! 3. [`cpu::trace`]: a ray walks through a map (§3.2); [`LdiTracer::save`] and [`LdiTracer::load`] keep maps in files.
-//! 4. [`WithFallback`]: doubtful answers are asked of another tracer.
+//! 4. [`WithFallback`](isophote_scene::WithFallback): doubtful answers are asked of another tracer.
 //! 5. [`cpu`]: the hybrid renderer (§4, §5), over any two tracers.
 //!
 //! Stages 2, 3 and 5 have twins in shaders (feature `gpu`, module `gpu`).
@@ -47,7 +47,6 @@
 pub mod cpu;
 mod directions;
 mod error;
-mod fallback;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 mod params;
@@ -56,6 +55,5 @@ pub use self::{
     cpu::{Hybrid, Pass, Stages, trace::LdiTracer},
     directions::Directions,
     error::{Error, Result},
-    fallback::{Confident, WithFallback},
     params::{Coverage, HybridParams, LdiParams, Shadows},
 };

@@ -4,10 +4,10 @@
 use std::{path::Path, sync::Arc};
 
 use glam::{Affine3A, Vec3};
-use isophote_ldi::{Coverage, Error, LdiParams, LdiTracer, WithFallback};
+use isophote_ldi::{Coverage, Error, LdiParams, LdiTracer};
 use isophote_scene::{
     Aabb, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Hit, Instance, InstanceMask, Mesh,
-    Ray, Scene, Selection, SurfaceId, Tracer, builtin, clean,
+    Ray, Scene, Selection, SurfaceId, Tracer, WithFallback, builtin, clean,
     testing::{RayKind, Tolerances, conformance, rays},
 };
 use proptest::prelude::*;

@@ -51,9 +51,9 @@ pub use self::{
     surface::{SurfaceMaterial, SurfacePoint},
     texture::{ColorSpace, Filter, Texture, Wrap, linear_to_srgb, srgb_to_linear},
     trace::{
-        Answers, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Directions, Hit, Leaves,
-        Levels, ParallelTracer, Ray, Selection, Shear, SurfaceId, Tracer, WorldTriangle,
-        check_transforms, world_triangles,
+        Answers, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Confident, Directions, Hit,
+        Leaves, Levels, ParallelTracer, Ray, Selection, Shear, SurfaceId, Tracer, WithFallback,
+        WorldTriangle, check_transforms, world_triangles,
     },
 };
 

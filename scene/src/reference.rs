@@ -226,25 +226,14 @@ impl Wanted {
         [exact, secondary]: [Answers; 2],
     ) -> Result<Self> {
         settings.check(quantities)?;
-        let knows = |role: &str, answered: Answers, needed: Answers| {
-            if answered >= needed {
-                return Ok(());
-            }
-            Err(Error::TracerKnowsLess {
-                technique: "reference",
-                needed,
-                tracer: role.into(),
-                answered,
-            })
-        };
-        knows("the exact tracer", exact, Answers::Surface)?;
+        exact.require(Answers::Surface, "reference", "the exact tracer")?;
         let needs = quantities.iter().map(|quantity| quantity.needs());
         // Emitters with an extent are also found by scattered rays, whose hits must be known.
         let needed = match quantities.iter().all(|quantity| quantity.is_occlusion()) {
             false if can_be_hit => Answers::Surface,
             _ => needs.max().unwrap_or(Answers::Occlusion),
         };
-        knows("the secondary tracer", secondary, needed)?;
+        secondary.require(needed, "reference", "the secondary tracer")?;
         Ok(Self::new(quantities, settings))
     }
 }

@@ -10,6 +10,7 @@
 
 pub(crate) mod brute_force;
 pub(crate) mod bvh;
+mod fallback;
 mod triangle;
 
 use std::sync::Arc;
@@ -20,9 +21,10 @@ use glam::{Affine3A, Vec2, Vec3};
 pub use self::{
     brute_force::{BruteForceTracer, WorldTriangle, check_transforms, world_triangles},
     bvh::{BvhOptions, BvhTracer, Leaves, Levels},
+    fallback::{Confident, WithFallback},
     triangle::Shear,
 };
-use crate::{Aabb, InstanceMask, Result, Scene};
+use crate::{Aabb, Error, InstanceMask, Result, Scene};
 
 /// An open piece of a line: points `origin + t · direction` with `t_min < t < t_max`.
 ///
@@ -113,6 +115,24 @@ pub enum Answers {
     Surface,
 }
 
+impl Answers {
+    /// An error unless these are at least what a technique needs of a tracer in some role.
+    ///
+    /// # Errors
+    /// [`Error::TracerKnowsLess`].
+    pub fn require(self, needed: Self, technique: &'static str, role: &str) -> Result<()> {
+        if self >= needed {
+            return Ok(());
+        }
+        Err(Error::TracerKnowsLess {
+            technique,
+            needed,
+            tracer: role.into(),
+            answered: self,
+        })
+    }
+}
+
 /// Answers visibility queries.
 ///
 /// Rays that are not [valid](Ray::is_valid) miss. Answers do not depend on the number of threads or on how rays
@@ -168,6 +188,41 @@ pub trait Tracer: Send + Sync {
         for (ray, hit) in rays.iter().zip(hits) {
             *hit = self.any_hit(ray);
         }
+    }
+}
+
+/// A tracer that is lent is one too.
+impl<T: Tracer + ?Sized> Tracer for &T {
+    fn answers(&self) -> Answers {
+        (**self).answers()
+    }
+
+    fn tolerance(&self, point: Vec3) -> f32 {
+        (**self).tolerance(point)
+    }
+
+    fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
+        (**self).closest_hit(ray)
+    }
+
+    fn any_hit(&self, ray: &Ray) -> bool {
+        (**self).any_hit(ray)
+    }
+
+    fn closest_hit_from(&self, ray: &Ray, start: SurfaceId) -> Option<Hit> {
+        (**self).closest_hit_from(ray, start)
+    }
+
+    fn any_hit_from(&self, ray: &Ray, start: SurfaceId) -> bool {
+        (**self).any_hit_from(ray, start)
+    }
+
+    fn closest_hits(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        (**self).closest_hits(rays, hits);
+    }
+
+    fn any_hits(&self, rays: &[Ray], hits: &mut [bool]) {
+        (**self).any_hits(rays, hits);
     }
 }
 

@@ -17,7 +17,9 @@ mod path;
 use std::sync::Arc;
 
 use glam::Affine3A;
-use isophote_scene::{Answers, BuildTracer, Hit, Ray, Result, Scene, Selection, SurfaceId, Tracer};
+use isophote_scene::{
+    Answers, BuildTracer, Confident, Hit, Ray, Result, Scene, Selection, SurfaceId, Tracer,
+};
 
 use self::{
     kernel::{Kernel, Portable, Scan},
@@ -30,7 +32,7 @@ use super::{
     file::scene_key,
     maps::{Layers, Maps, Pixel, slabs},
 };
-use crate::{Confident, Coverage, Directions, LdiParams};
+use crate::{Coverage, Directions, LdiParams};
 
 /// How much more a pixel's width beside a triangle counts than the tangent of the angle to the map.
 const BESIDE: f32 = 4.0;

@@ -225,7 +225,7 @@ impl Hybrid {
             (world.exact, "the exact tracer"),
             (world.secondary, "the secondary tracer"),
         ] {
-            check_answers(tracer, role)?;
+            tracer.answers().require(Answers::Surface, "ldi", role)?;
         }
         let size = gbuffer.size();
         let samples = size[0] * size[1] * params.samples;
@@ -421,18 +421,4 @@ impl Hybrid {
         })?;
         Ok(())
     }
-}
-
-fn check_answers(tracer: &dyn GpuTracer, role: &str) -> Result<()> {
-    let answered = tracer.answers();
-    if answered >= Answers::Surface {
-        return Ok(());
-    }
-    Err(isophote_scene::Error::TracerKnowsLess {
-        technique: "ldi",
-        needed: Answers::Surface,
-        tracer: role.into(),
-        answered,
-    }
-    .into())
 }

@@ -146,13 +146,46 @@ fn crate_problems(package: &Package) -> Result<Vec<String>> {
         }
     }
     if TECHNIQUES.contains(&package.name.as_str()) {
-        for file in rust_files(&package.folder().join("src"))? {
-            let text = read(&file)?;
-            problems.extend(
-                named_tracers(&text)
-                    .map(|(line, name)| format!("{}:{line} names {name}", file.display())),
-            );
+        problems.extend(technique_problems(package.folder())?);
+    }
+    Ok(problems)
+}
+
+/// The files that every technique has once it has any, so that who knows one knows all.
+const ROOMS: [&str; 7] = [
+    "src/params.rs",
+    "src/error.rs",
+    "src/cpu.rs",
+    "tests/cpu.rs",
+    "tests/reference.rs",
+    "tests/shaders.rs",
+    "examples/minimal.rs",
+];
+
+/// What a technique names that it must not know, and which of its rooms are missing.
+fn technique_problems(folder: &Path) -> Result<Vec<String>> {
+    let mut problems = Vec::new();
+    for file in files(&folder.join("src"), "rs")? {
+        if file.file_name().is_some_and(|name| name == "tests.rs") {
+            continue;
         }
+        let text = read(&file)?;
+        problems.extend(
+            named_tracers(&text)
+                .map(|(line, name)| format!("{}:{line} names {name}", file.display())),
+        );
+    }
+    let shaders = folder.join("shaders");
+    if shaders.is_dir() {
+        for file in files(&shaders, "wesl")? {
+            if read(&file)?.contains("scene::tracer::") {
+                problems.push(format!("{} names a concrete tracer", file.display()));
+            }
+        }
+    }
+    if folder.join("src/cpu.rs").exists() {
+        let missing = ROOMS.iter().filter(|room| !folder.join(room).exists());
+        problems.extend(missing.map(|room| format!("{} has no {room}", folder.display())));
     }
     Ok(problems)
 }
@@ -167,8 +200,16 @@ fn first_paragraph(markdown: &str) -> &str {
 
 /// Lines, counted from 1, that name a concrete tracer outside comments and tests.
 fn named_tracers(code: &str) -> impl Iterator<Item = (usize, &'static str)> {
-    let code = code.split("#[cfg(test)]").next().unwrap_or_default();
-    let lines = code.lines().enumerate();
+    let mut after_test = false;
+    // Modules of tests come last; of other items for tests, those of one line are passed over.
+    let lines = code.lines().enumerate().map_while(move |(number, line)| {
+        let is_test = std::mem::replace(&mut after_test, line.trim() == "#[cfg(test)]");
+        match is_test {
+            true if line.trim_end().ends_with('{') => None,
+            true => Some((number, "")),
+            false => Some((number, line)),
+        }
+    });
     lines
         .filter(|(_, line)| !line.trim_start().starts_with("//"))
         .flat_map(|(number, line)| {
@@ -198,19 +239,23 @@ fn relative_links(markdown: &str) -> impl Iterator<Item = &str> {
         .filter(|link| !link.is_empty() && !link.contains(':'))
 }
 
-fn rust_files(folder: &Path) -> Result<Vec<std::path::PathBuf>> {
-    let mut files = Vec::new();
+/// Files with an extension, in a folder and those below it.
+fn files(folder: &Path, wanted: &str) -> Result<Vec<std::path::PathBuf>> {
+    let mut found = Vec::new();
     for entry in
         fs::read_dir(folder).with_context(|| format!("cannot list {}", folder.display()))?
     {
         let path = entry?.path();
         if path.is_dir() {
-            files.extend(rust_files(&path)?);
-        } else if path.extension().is_some_and(|extension| extension == "rs") {
-            files.push(path);
+            found.extend(files(&path, wanted)?);
+        } else if path
+            .extension()
+            .is_some_and(|extension| extension == wanted)
+        {
+            found.push(path);
         }
     }
-    Ok(files)
+    Ok(found)
 }
 
 fn read(file: &Path) -> Result<String> {
@@ -258,10 +303,10 @@ mod tests {
 
     #[test]
     fn concrete_tracers_are_found_in_code_alone() {
-        let code =
-            "/// See [`BvhTracer`].\nuse a::BvhTracer;\n#[cfg(test)]\nuse a::BruteForceTracer;";
+        let code = "/// See [`BvhTracer`].\nuse a::BvhTracer;\n#[cfg(test)]\nuse a::BruteForceTracer;\n\
+                    fn f(_: BvhTracer) {}\n#[cfg(test)]\nmod tests {\n    use a::BvhTracer;\n}\n";
         let found: Vec<_> = named_tracers(code).collect();
-        assert_eq!(found, [(2, "BvhTracer")]);
+        assert_eq!(found, [(2, "BvhTracer"), (5, "BvhTracer")]);
     }
 
     #[test]

@@ -433,8 +433,7 @@ fn a_mesh_is_held_once() {
 /// Boxes are hit where a slow reading of the rule says, in one level and in two.
 #[test]
 fn leaves_may_be_boxes() {
-    let scene =
-        Arc::new(crate::builtin::build("builtin:cornell").expect("a built-in scene"));
+    let scene = Arc::new(crate::builtin::build("builtin:cornell").expect("a built-in scene"));
     let selection = Selection::default();
     let triangles = world_triangles(&scene, &scene.transforms(), &selection);
     let boxes: Vec<Aabb> = triangles

@@ -1,7 +1,7 @@
 //! Doubtful answers are asked for again: approximate where that is enough, exact elsewhere.
 
+use super::{Answers, Hit, Ray, SurfaceId, Tracer};
 use glam::Vec3;
-use isophote_scene::{Answers, Hit, Ray, SurfaceId, Tracer};
 
 /// A tracer that knows how sure its answers are.
 pub trait Confident: Tracer {
@@ -20,19 +20,31 @@ pub trait Confident: Tracer {
     }
 }
 
+impl<T: Confident + ?Sized> Confident for &T {
+    fn closest_with_confidence(&self, ray: &Ray, start: SurfaceId) -> (Option<Hit>, f32) {
+        (**self).closest_with_confidence(ray, start)
+    }
+
+    fn closest_all_with_confidence(&self, rays: &[Ray], answers: &mut [(Option<Hit>, f32)]) {
+        (**self).closest_all_with_confidence(rays, answers);
+    }
+}
+
 /// Answers by one tracer, and by another where the first is less sure than is asked for.
 ///
 /// `least` is the dial from fast to exact: with 0 the first answers all rays, above 1 the second does.
-#[derive(Debug)]
-pub struct WithFallback<'a, A: ?Sized, B: ?Sized> {
-    fast: &'a A,
-    exact: &'a B,
+///
+/// Tracers can be lent to it: a reference to a tracer is one.
+#[derive(Clone, Copy, Debug)]
+pub struct WithFallback<A, B> {
+    fast: A,
+    exact: B,
     least: f32,
 }
 
-impl<'a, A: Confident + ?Sized, B: Tracer + ?Sized> WithFallback<'a, A, B> {
+impl<A: Confident, B: Tracer> WithFallback<A, B> {
     /// Sends the rays whose answers are less sure than `least` to `exact`.
-    pub const fn new(fast: &'a A, exact: &'a B, least: f32) -> Self {
+    pub const fn new(fast: A, exact: B, least: f32) -> Self {
         Self { fast, exact, least }
     }
 
@@ -44,7 +56,7 @@ impl<'a, A: Confident + ?Sized, B: Tracer + ?Sized> WithFallback<'a, A, B> {
     }
 }
 
-impl<A: Confident + ?Sized, B: Tracer + ?Sized> Tracer for WithFallback<'_, A, B> {
+impl<A: Confident, B: Tracer> Tracer for WithFallback<A, B> {
     fn answers(&self) -> Answers {
         self.fast.answers().min(self.exact.answers())
     }
