@@ -29,6 +29,9 @@ pub(crate) struct Arguments {
     /// Small pictures, few rays, coarse maps: a look in minutes
     #[arg(long)]
     quick: bool,
+    /// Table 1 on the fastest GPU too
+    #[arg(long)]
+    gpu: bool,
     /// Only these sections: table-1, truth, memory, figures, growth
     #[arg(long, value_name = "SECTION[,…]", value_delimiter = ',')]
     only: Vec<String>,
@@ -56,7 +59,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     let machine = Machine::current();
-    let lab = Lab::new(arguments.source.isophote()?, "ldi", arguments.quick)?;
+    let lab = Lab::new(
+        arguments.source.isophote()?,
+        "ldi",
+        arguments.quick,
+        arguments.gpu,
+    )?;
     let mut sections = Vec::new();
     let mut numbers = Map::new();
     for (name, measure) in SECTIONS {

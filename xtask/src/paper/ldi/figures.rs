@@ -141,8 +141,7 @@ fn fig1(lab: &Lab) -> Result<Figure<'_>> {
 
 fn fig4(lab: &Lab) -> Result<Figure<'_>> {
     let title = "Fig. 4: anti-aliasing; then 17.5 and 16.5 frames/s, 6 % of the frame";
-    let flags = ["--ldi-light-rays=1"];
-    let mut figure = Figure::new(lab, "fig-4", title, sibenik(lab), &flags);
+    let mut figure = Figure::new(lab, "fig-4", title, sibenik(lab), &[]);
     let one = figure.shoot("1", &["--ldi-samples=1"])?;
     let four = figure.shoot("4", &["--ldi-samples=4"])?;
     figure.show("1 sample a pixel", &one, None)?;
