@@ -170,7 +170,7 @@ fn on_gpu(
         secondary: &*gpu.tracer,
     };
     let params = args.params(&order);
-    let hybrid = isophote_ldi::gpu::Hybrid::new(context, world, &params, order.size)?;
+    let hybrid = isophote_ldi::gpu::Hybrid::new(context, world, &params, order.size, None)?;
     let mut timer = Timer::new(context, PASSES);
     let mut encoder = context.device().create_command_encoder(&Default::default());
     hybrid.record(context, &mut encoder, world, order.camera, Some(&mut timer))?;

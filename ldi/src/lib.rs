@@ -39,7 +39,8 @@
 //!   on it, and with a rule against a ray's own surroundings.
 //! - A pixel knows in which 32nds of the depth it has layers, so that empty pixels are passed without reading layers.
 //! - Rays of a batch are sorted by map.
-//! - Direct light and the shadows of what secondary rays hit are traced exactly, where the paper has shadow maps.
+//! - Direct light and the shadows of what secondary rays hit are traced exactly, where the paper has shadow maps;
+//!   `gpu::Hybrid` has both.
 //! - The Gaussians leave out the background and metal, and stop at edges unless [`HybridParams::edges`] is `None`.
 //! - Metal and glass that a glossy ray meets are lit as such, and glass lets rays through; diffuse rays see both as
 //!   diffuse surfaces.

@@ -14,7 +14,9 @@ use isophote_ldi::{
 };
 use isophote_scene::{
     BuildTracer, BvhOptions, BvhTracer, LightKind, Scene, Selection, builtin,
-    gpu::{BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, Timer, reference::World},
+    gpu::{
+        BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, ShadowOptions, Timer, reference::World,
+    },
     reference::Tracers,
 };
 
@@ -40,7 +42,12 @@ fn on_cpu(scene: &Arc<Scene>, params: &HybridParams) -> Stages {
     hybrid.render(&scene.cameras[0], SIZE, &|_, _| {}).unwrap()
 }
 
-fn on_gpu(context: &Context, scene: &Arc<Scene>, params: &HybridParams) -> Stages {
+fn on_gpu(
+    context: &Context,
+    scene: &Arc<Scene>,
+    params: &HybridParams,
+    shadow_maps: Option<&ShadowOptions>,
+) -> Stages {
     let selection = Selection::default();
     let gpu_scene = GpuScene::new(context, scene).unwrap();
     let exact = ComputeBvhTracer::build(context, scene, &selection, &()).unwrap();
@@ -51,7 +58,7 @@ fn on_gpu(context: &Context, scene: &Arc<Scene>, params: &HybridParams) -> Stage
         exact: &exact,
         secondary: &secondary,
     };
-    let hybrid = gpu::Hybrid::new(context, world, params, SIZE).unwrap();
+    let hybrid = gpu::Hybrid::new(context, world, params, SIZE, shadow_maps).unwrap();
     let mut encoder = context.device().create_command_encoder(&Default::default());
     let mut timer = Timer::new(context, 16);
     let camera = &scene.cameras[0];
@@ -81,7 +88,7 @@ fn differences(found: &[Vec3], expected: &[Vec3]) -> [f32; 3] {
 
 /// Compares all stages with samples in the middle of pixels.
 fn check(context: &Context, name: &str, scene: &Arc<Scene>, params: &HybridParams) {
-    let (expected, found) = (on_cpu(scene, params), on_gpu(context, scene, params));
+    let (expected, found) = (on_cpu(scene, params), on_gpu(context, scene, params, None));
     for pass in &found.passes {
         let twin = expected.passes.iter().find(|twin| twin.name == pass.name);
         let rays = twin.map_or(0, |twin| twin.rays + twin.shadow_rays);
@@ -174,7 +181,7 @@ fn four_samples_are_the_cpus_but_for_noise() {
     };
     let (expected, found) = (
         on_cpu(&cornell, &params),
-        on_gpu(&context, &cornell, &params),
+        on_gpu(&context, &cornell, &params, None),
     );
     let other = on_cpu(&cornell, &HybridParams { seed: 1, ..params });
     let layers = found.layers().into_iter().zip(expected.layers());
@@ -190,4 +197,43 @@ fn four_samples_are_the_cpus_but_for_noise() {
             "{stage}: {bias} {error} {noise}"
         );
     }
+}
+
+/// With shadow maps no light is chosen and shadows are as fine as the maps: the CPU's pictures with many rays, but for
+/// noise and the edges of shadows.
+#[test]
+fn shadow_maps_cast_the_shadows_of_rays() {
+    let Some(context) = Context::for_tests() else {
+        return;
+    };
+    let office = Arc::new(builtin::build("builtin:office").unwrap());
+    let quick = HybridParams {
+        diffuse_rays: 16,
+        ..params()
+    };
+    let slow = HybridParams {
+        light_rays: 64,
+        ..quick
+    };
+    let maps = ShadowOptions::default();
+    let found = on_gpu(&context, &office, &quick, Some(&maps));
+    let expected = on_cpu(&office, &slow);
+    // What secondary rays hit is lit by one light at a time there, so that of indirect light only the mean can be compared.
+    for (stage, limits) in [
+        ("direct", [0.03, 0.2]),
+        ("irradiance.indirect", [0.06, 1.0]),
+    ] {
+        let layer = |stages: &Stages| {
+            let layers = stages.layers();
+            layers.iter().find(|one| one.0 == stage).unwrap().1.to_vec()
+        };
+        let (found, expected) = (layer(&found), layer(&expected));
+        let [bias, _, far_off] = differences(&found, &expected);
+        println!("shadow maps, {stage}: bias {bias:.4}, {far_off:.4} of the pixels off by 10 %");
+        assert!(
+            bias.abs() < limits[0] && far_off < limits[1],
+            "{stage}: {bias} {far_off}"
+        );
+    }
+    assert!(found.passes[0].rays == 0 && found.passes[1].rays > 0);
 }

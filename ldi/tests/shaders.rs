@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use glam::Vec3;
 use isophote_ldi::{
     Coverage, HybridParams, LdiParams, Shadows,
     gpu::{Hybrid, LdiGpuTracer},
@@ -10,7 +11,8 @@ use isophote_ldi::{
 use isophote_scene::{
     Selection, builtin,
     gpu::{
-        BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, GpuTracer, RayBatch, reference::World,
+        BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, GpuTracer, RayBatch, ShadowOptions,
+        reference::World,
     },
 };
 
@@ -49,9 +51,14 @@ fn the_hybrid_renderer_builds() {
         material.transmission = 0.5;
     }
     let context = Context::noop();
-    for (scene, samples, shadows, light_filter_width) in [
-        (cornell, 1, Shadows::Exact, 1),
-        (glass, 4, Shadows::Secondary, 5),
+    let mut lamps = cornell.clone();
+    for material in &mut lamps.materials {
+        material.emissive = Vec3::ZERO;
+    }
+    for (scene, samples, shadows, light_filter_width, shadow_maps) in [
+        (cornell, 1, Shadows::Exact, 1, false),
+        (glass, 4, Shadows::Secondary, 5, false),
+        (lamps, 1, Shadows::Exact, 1, true),
     ] {
         let scene = Arc::new(scene);
         let gpu_scene = GpuScene::new(&context, &scene).unwrap();
@@ -75,7 +82,8 @@ fn the_hybrid_renderer_builds() {
             exact: &exact,
             secondary: &secondary,
         };
-        let hybrid = Hybrid::new(&context, world, &params, [33, 20]).unwrap();
+        let maps = shadow_maps.then(ShadowOptions::default);
+        let hybrid = Hybrid::new(&context, world, &params, [33, 20], maps.as_ref()).unwrap();
         let mut encoder = context.device().create_command_encoder(&Default::default());
         let camera = &scene.cameras[0];
         hybrid

@@ -1,7 +1,7 @@
 //! The hybrid renderer (§4, §5) as wgpu passes, stage by stage as [`crate::cpu`]:
 //!
 //! 1. The G-buffer, rasterised; `fragments` reads it, one shading per primitive and pixel.
-//! 2. `light`: direct light, with shadows by exact rays or by the maps.
+//! 2. `light`: direct light, with shadows by exact rays or by the maps; or, as in the paper, by shadow maps.
 //! 3. `gather`: diffuse secondary rays, a few a pixel, single bounce.
 //! 4. `filter`, and between its two shaders the two-pass Gaussian of `isophote-filters`.
 //! 5. `gather`: glossy and mirror rays.
@@ -10,8 +10,8 @@
 //! Samples, rays and lights are chosen as on the CPU. What differs: positions are depths along the pixels' rays, and with
 //! several samples a pixel a triangle is looked at nearest to the pixel's centre, not at its first sample.
 //!
-//! Stages 3 and 5 take one ray of each sample at a time, which the secondary tracer answers and the exact one lights: a
-//! shader knows one tracer. Of the 8 storage buffers of a stage the scene takes 3, the tracer 2 and this 3.
+//! Stages 3 and 5 take one ray of each sample at a time, which the secondary tracer answers and the exact one lights, since a
+//! shader knows one tracer. With shadow maps the same shader does both, and all lights count at once, as points. Of the 8 storage buffers of a stage the scene takes 3, the tracer 2 and this 3.
 
 mod passes;
 mod read;
@@ -22,9 +22,9 @@ use isophote_filters::{
     gpu::{Format, Gaussian, Guides},
 };
 use isophote_scene::{
-    Answers, Camera,
+    Answers, Camera, Material, Scene,
     gpu::{
-        Context, GBuffer, GBufferPass, GpuTracer, Rasters, Timer,
+        Context, GBuffer, GBufferPass, GpuTracer, Rasters, ShadowMaps, ShadowOptions, Timer,
         reference::{LightTables, World},
     },
     reference::Materials,
@@ -33,7 +33,7 @@ use isophote_scene::{
 
 use self::passes::{Passes, Target, Unbound, textures};
 use crate::{
-    HybridParams, Result, Shadows,
+    Error, HybridParams, Result, Shadows,
     cpu::{check_size, filter::pinhole},
 };
 
@@ -101,6 +101,8 @@ pub struct Hybrid {
     gbuffer: GBuffer,
     /// `None` where another renderer fills the G-buffer.
     raster: Option<GBufferPass>,
+    /// `None` where shadows are asked of tracers.
+    shadow_maps: Option<ShadowMaps>,
     rasters: Rasters,
     settings: wgpu::Buffer,
     pieces: Pieces,
@@ -163,7 +165,7 @@ impl Pieces {
 
 /// Rays of the glossy stage: none where nothing is glossy; those through glass after those of metal.
 fn glossy_rays(world: &World<'_>, params: &HybridParams) -> u32 {
-    let has = |what: fn(&isophote_scene::Material) -> f32| {
+    let has = |what: fn(&Material) -> f32| {
         let pbr = params.materials == Materials::Pbr;
         pbr && world.scene.materials.iter().any(|one| what(one) > 0.0)
     };
@@ -175,23 +177,26 @@ fn glossy_rays(world: &World<'_>, params: &HybridParams) -> u32 {
 }
 
 impl Hybrid {
-    /// A renderer for pictures of a size in pixels.
+    /// A renderer for pictures of a size in pixels. With `shadow_maps` no ray goes towards a light: neither from what the
+    /// camera sees nor from what secondary rays hit.
     ///
     /// # Errors
-    /// [`Error::Parameter`](crate::Error::Parameter) and [`Error::Filter`](crate::Error::Filter) for parameters out of their
-    /// range and a size of zero or of more than 2²⁵ samples; [`Error::Scene`](crate::Error::Scene) when a tracer does not
-    /// answer [`Answers::Surface`], its module does not link, or the device allows no such textures and buffers.
+    /// [`Error::Parameter`] and [`Error::Filter`] for parameters out of their
+    /// range and a size of zero or of more than 2²⁵ samples; [`Error::Scene`] when a tracer does not
+    /// answer [`Answers::Surface`], its module does not link, the device allows no such textures and buffers, or there are
+    /// shadow maps and light that they do not know: of emissive triangles or an environment.
     pub fn new(
         context: &Context,
         world: World<'_>,
         params: &HybridParams,
         size: [u32; 2],
+        shadow_maps: Option<&ShadowOptions>,
     ) -> Result<Self> {
         params.check()?;
         check_size(size, params.samples)?;
         let gbuffer = GBuffer::new(context, size, params.samples)?;
         let raster = GBufferPass::new(context, params.samples)?;
-        Self::with(context, world, params, gbuffer, Some(raster))
+        Self::with(context, world, params, gbuffer, Some(raster), shadow_maps)
     }
 
     /// A renderer over a G-buffer that another renderer fills. It must tell instances and primitives; its number of samples
@@ -204,6 +209,7 @@ impl Hybrid {
         world: World<'_>,
         params: &HybridParams,
         gbuffer: GBuffer,
+        shadow_maps: Option<&ShadowOptions>,
     ) -> Result<Self> {
         let params = HybridParams {
             samples: gbuffer.samples(),
@@ -211,7 +217,7 @@ impl Hybrid {
         };
         params.check()?;
         check_size(gbuffer.size(), params.samples)?;
-        Self::with(context, world, &params, gbuffer, None)
+        Self::with(context, world, &params, gbuffer, None, shadow_maps)
     }
 
     fn with(
@@ -220,6 +226,7 @@ impl Hybrid {
         params: &HybridParams,
         gbuffer: GBuffer,
         raster: Option<GBufferPass>,
+        shadow_maps: Option<&ShadowOptions>,
     ) -> Result<Self> {
         for (tracer, role) in [
             (world.exact, "the exact tracer"),
@@ -229,7 +236,14 @@ impl Hybrid {
         }
         let size = gbuffer.size();
         let samples = size[0] * size[1] * params.samples;
-        let rasters = Rasters::new(context, Some(&gbuffer), None)?;
+        let shadow_maps = match shadow_maps {
+            None => None,
+            Some(options) => {
+                check_lights(world.scene)?;
+                Some(ShadowMaps::new(context, &world.scene.lights, options)?)
+            }
+        };
+        let rasters = Rasters::new(context, Some(&gbuffer), shadow_maps.as_ref())?;
         let gaussian = |width: u32| {
             let twin = isophote_filters::Gaussian::new(width as usize, params.filter_sigma)?;
             Gaussian::new(context, &twin, params.edges, size, Format::Single)
@@ -238,7 +252,7 @@ impl Hybrid {
         let pieces = Pieces::new(context, &world, params, samples)?;
         let lights = LightTables::new(context, world.scene, params.materials)?;
         let (target, stages) = textures(context, size, samples.min(MOST_SAMPLES), samples)?;
-        let passes = Unbound::new(context, &world, params, &rasters)?;
+        let passes = Unbound::new(context, &world, params, &rasters, shadow_maps.is_some())?;
         let passes = passes.bound(
             context,
             &settings,
@@ -251,6 +265,7 @@ impl Hybrid {
             params: *params,
             size,
             raster,
+            shadow_maps,
             rasters,
             settings,
             pieces,
@@ -281,7 +296,7 @@ impl Hybrid {
     /// timed: `G-buffer`, `direct`, `diffuse`, `glossy`, `filter`, `combine`.
     ///
     /// # Errors
-    /// [`Error::Scene`](crate::Error::Scene) when recording fails.
+    /// [`Error::Scene`] when recording fails.
     pub fn record(
         &self,
         context: &Context,
@@ -301,6 +316,9 @@ impl Hybrid {
                 &self.gbuffer,
                 timer,
             )?;
+        }
+        if let Some(maps) = &self.shadow_maps {
+            maps.record(context, encoder, world.gpu_scene, &world.scene.lights, None)?;
         }
         let secondary_shadows = self.params.shadows == Shadows::Secondary;
         let direct = if secondary_shadows {
@@ -339,10 +357,11 @@ impl Hybrid {
         &'a self,
         world: &World<'a>,
     ) -> Vec<(&'a wgpu::ComputePipeline, &'a dyn GpuTracer)> {
-        vec![
-            (&self.passes.trace, world.secondary),
-            (&self.passes.shade, world.exact),
-        ]
+        let trace = (&self.passes.trace, world.secondary);
+        match &self.passes.shade {
+            None => vec![trace],
+            Some(shade) => vec![trace, (shade, world.exact)],
+        }
     }
 
     /// Stage 4.
@@ -406,7 +425,12 @@ impl Hybrid {
             seed: hash_seed(params.seed),
             bounced_seed: hash_seed(params.seed ^ 1),
             samples: params.samples,
-            light_rays: params.light_rays,
+            // With shadow maps no light is chosen.
+            light_rays: if self.shadow_maps.is_some() {
+                1
+            } else {
+                params.light_rays
+            },
             diffuse_rays: params.diffuse_rays,
             glossy_rays: params.glossy_rays,
             texture_level: params.texture_level,
@@ -421,4 +445,22 @@ impl Hybrid {
         })?;
         Ok(())
     }
+}
+
+/// Shadow maps are of lights without geometry.
+fn check_lights(scene: &Scene) -> Result<()> {
+    let emits = scene.materials.iter().any(Material::is_emissive);
+    if !emits && scene.environment.is_black() {
+        return Ok(());
+    }
+    Err(Error::Parameter {
+        name: "the scene's light",
+        value: if emits {
+            "emissive triangles"
+        } else {
+            "an environment"
+        }
+        .into(),
+        expected: "shadow maps only know lights without geometry: use shadow rays",
+    })
 }

@@ -84,7 +84,9 @@ type PixelPass = (&'static str, wgpu::ComputePipeline, wgpu::BindGroup);
 /// Pipelines that have not been given anything to bind.
 pub(super) struct Unbound {
     layouts: Layouts,
-    rays: [wgpu::ComputePipeline; 3],
+    direct: wgpu::ComputePipeline,
+    trace: wgpu::ComputePipeline,
+    shade: Option<wgpu::ComputePipeline>,
     pixels: [wgpu::ComputePipeline; 3],
 }
 
@@ -93,7 +95,8 @@ pub(super) struct Unbound {
 pub(super) struct Passes {
     pub(super) direct: wgpu::ComputePipeline,
     pub(super) trace: wgpu::ComputePipeline,
-    pub(super) shade: wgpu::ComputePipeline,
+    /// `None` where `trace` lights what it hits.
+    pub(super) shade: Option<wgpu::ComputePipeline>,
     rays: wgpu::BindGroup,
     pub(super) resolve: PixelPass,
     pub(super) mean: PixelPass,
@@ -189,6 +192,7 @@ impl Unbound {
         world: &World<'_>,
         params: &HybridParams,
         rasters: &Rasters,
+        shadow_maps: bool,
     ) -> Result<Self> {
         let layouts = Layouts::new(context)?;
         let pipeline = |module: &str,
@@ -201,6 +205,7 @@ impl Unbound {
                 .scene(world.gpu_scene)
                 .tracer(tracer)
                 .feature("multisampled", params.samples > 1)
+                .feature("shadow_maps", shadow_maps)
                 .link(module)?;
             let layouts = [
                 own,
@@ -216,11 +221,13 @@ impl Unbound {
             Shadows::Secondary => secondary,
         };
         Ok(Self {
-            rays: [
-                pipeline("ldi::light", "direct", direct, &layouts.rays)?,
-                pipeline("ldi::gather", "trace", secondary, &layouts.rays)?,
-                pipeline("ldi::gather", "shade", exact, &layouts.rays)?,
-            ],
+            direct: pipeline("ldi::light", "direct", direct, &layouts.rays)?,
+            trace: pipeline("ldi::gather", "trace", secondary, &layouts.rays)?,
+            shade: if shadow_maps {
+                None
+            } else {
+                Some(pipeline("ldi::gather", "shade", exact, &layouts.rays)?)
+            },
             pixels: [
                 pipeline("ldi::filter", "resolve", exact, &layouts.resolve)?,
                 pipeline("ldi::filter", "mean", exact, &layouts.mean)?,
@@ -282,13 +289,12 @@ impl Unbound {
         ]);
         let mean = views([(10, &target.blurred), (11, &filtered)]);
         let light_mean = views([(10, &target.blurred_light), (11, &target.filtered_light)]);
-        let [direct, trace, shade] = self.rays;
         let [resolve_pipeline, mean_pipeline, combine_pipeline] = self.pixels;
         let layouts = &self.layouts;
         Ok(Passes {
-            direct,
-            trace,
-            shade,
+            direct: self.direct,
+            trace: self.trace,
+            shade: self.shade,
             rays: bind(&layouts.rays, &[&common[..], &rays].concat())?,
             resolve: (
                 "resolve",
