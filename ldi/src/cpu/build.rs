@@ -14,6 +14,7 @@ use glam::{Affine3A, DVec3};
 use isophote_scene::{Aabb, Scene, Selection, WorldTriangle, world_triangles};
 use rayon::prelude::*;
 
+#[cfg(feature = "gpu")]
 pub(crate) use self::raster::margin;
 use self::raster::{Fragment, Raster};
 use super::maps::{
