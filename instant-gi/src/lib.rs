@@ -1,1 +1,40 @@
 #![doc = include_str!("../README.md")]
+//!
+//! # Stages
+//!
+//! 1. [`cpu::emission`]: light paths make virtual point lights (§4).
+//! 2. `cpu/gbuffer.rs`: what the camera sees.
+//! 3. `cpu/specular.rs`: light straight from the lights, mirrors and glass (§4).
+//! 4. [`cpu::indirect`]: the virtual point lights' light (Eq. (1)), of all or of a part of them (§4.2, §4.3).
+//! 5. `cpu/filter.rs`: samples become a picture (Eq. (2), §4.3).
+//!
+//! # From the paper to the code
+//!
+//! | paper | code |
+//! |---|---|
+//! | §4, particles along a Halton sequence | [`cpu::emission::shoot`] |
+//! | §4, direct + specular, a Whitted-style tree | `cpu/specular.rs` |
+//! | Eq. (1) and the bounded geometry term | [`cpu::indirect`] |
+//! | §4.1, imperfect visibility | a tracer of boxes as the secondary one: `Leaves::Boxes` of scene's tree, or `boxes` on GPUs |
+//! | §4.2, downsampling, Eq. (2) | [`GiParams::downsampling`], [`isophote_filters::JointBilateral`] |
+//! | §4.3, interleaved sampling, discontinuity buffer | [`GiParams::interleaving`], [`isophote_filters::DiscontinuityBuffer`] |
+//! | §6, irregular interleaving | [`Pattern::Irregular`] |
+//!
+//! # Differences from the paper
+//!
+//! - All kinds of lights shoot particles; the paper has point lights.
+//! - Where shading normals differ from the triangles', a virtual light takes what its shading normal receives and gives
+//!   it off around the triangle's, as the reference integrators do.
+//! - ρ of Eq. (1) is albedo/π, and it is multiplied on at the very end: what is computed is irradiance.
+//! - The bias of the bound can be compensated ([`GiParams::compensation`]).
+//! - The filters compare depths with the tangent plane, unless [`Filter::Paper`] is chosen.
+
+pub mod cpu;
+mod error;
+mod params;
+
+pub use self::{
+    cpu::{InstantGi, Stages},
+    error::{Error, Result},
+    params::{Filter, GiParams, Pattern},
+};

@@ -32,6 +32,31 @@ pub enum Projection {
     },
 }
 
+/// Where a camera stands, its unit axes, and how far it opens.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pinhole {
+    /// Metres.
+    pub eye: Vec3,
+    /// To the right of the picture.
+    pub right: Vec3,
+    /// To its top.
+    pub up: Vec3,
+    /// Where it looks.
+    pub forward: Vec3,
+    /// Vertical opening angle, radians.
+    pub yfov: f32,
+}
+
+impl Pinhole {
+    /// The distance of a point along the viewing direction, metres.
+    pub fn depth(&self, point: Vec3) -> f32 {
+        (point - self.eye).dot(self.forward)
+    }
+}
+
+/// The opening of a pinhole that stands in for a parallel camera, radians.
+const NEARLY_PARALLEL: f32 = 0.1;
+
 impl Camera {
     /// A perspective camera at `eye` that looks at `target`; `yfov` in radians.
     pub fn look_at(name: impl Into<String>, eye: Vec3, target: Vec3, yfov: f32) -> Self {
@@ -68,6 +93,28 @@ impl Camera {
     /// Where the camera stands, metres.
     pub fn position(&self) -> Vec3 {
         self.transform.translation.into()
+    }
+
+    /// The camera as a pinhole: one that is parallel stands far behind itself with a small opening, for those who compare
+    /// depths in pictures.
+    pub fn pinhole(&self) -> Pinhole {
+        let axis = |axis: glam::Vec3A, other| Vec3::from(axis).normalize_or(other);
+        let axes = self.transform.matrix3;
+        let forward = -axis(axes.z_axis, Vec3::Z);
+        let (eye, yfov) = match self.projection {
+            Projection::Perspective { yfov } => (self.position(), yfov.clamp(0.001, 3.1)),
+            Projection::Orthographic { half_height } => {
+                let behind = half_height.abs() / (0.5 * NEARLY_PARALLEL).tan();
+                (self.position() - behind * forward, NEARLY_PARALLEL)
+            }
+        };
+        Pinhole {
+            eye,
+            right: axis(axes.x_axis, Vec3::X),
+            up: axis(axes.y_axis, Vec3::Y),
+            forward,
+            yfov,
+        }
     }
 
     /// The ray through a point of the image in pixels, (0, 0) being the top left corner of the top left pixel.

@@ -13,12 +13,14 @@ mod bsdf;
 pub mod builtin;
 mod camera;
 mod clean;
+mod emission;
 mod environment;
 mod error;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 mod image;
 mod light;
+mod lighting;
 mod load;
 mod material;
 mod mesh;
@@ -36,19 +38,21 @@ mod trace;
 pub use self::{
     animation::{Animation, Channel, Interpolation, Keys, Local, Node, Track},
     bsdf::{Bsdf, BsdfSample, MIRROR_ROUGHNESS, fresnel},
-    camera::{Camera, Projection},
+    camera::{Camera, Pinhole, Projection},
     clean::clean,
+    emission::{Emission, Particle},
     environment::EnvironmentMap,
     error::{Error, Result},
     image::Image,
     light::{Environment, Light, LightKind},
+    lighting::DirectLight,
     load::{LoadOptions, load, load_with},
     material::{Alpha, Material, TextureRef},
     mesh::{Aabb, Mesh},
     output::{check_writable, write_atomically},
     receivers::{Receiver, Receivers},
     scene::{Dropped, Instance, InstanceMask, LoadReport, Scene, area, unit_normal},
-    surface::{SurfaceMaterial, SurfacePoint},
+    surface::{SurfaceMaterial, SurfacePoint, facing},
     texture::{ColorSpace, Filter, Texture, Wrap, linear_to_srgb, srgb_to_linear},
     trace::{
         Answers, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Confident, Directions, Hit,

@@ -22,7 +22,9 @@ use glam::Vec3;
 
 use self::light_sampling::LightSampler;
 pub use self::render::{Estimate, Layers, Progress, Render, bake, render};
-use crate::{Answers, Error, Result, Scene, SurfacePoint, Tracer, sample::Sampler};
+use crate::{
+    Answers, Error, Result, Scene, SurfacePoint, Tracer, sample::Sampler, surface::facing,
+};
 
 /// What is computed. The names ([`Display`](fmt::Display)) are those of the command line, of layers and of reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -382,14 +384,5 @@ impl Settings {
             return wrong("min_d", self.min_d.to_string(), "it must be 0 or positive");
         }
         Ok(())
-    }
-}
-
-/// A normal, turned to the side of a direction.
-fn facing(normal: Vec3, direction: Vec3) -> Vec3 {
-    if normal.dot(direction) < 0.0 {
-        -normal
-    } else {
-        normal
     }
 }

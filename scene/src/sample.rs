@@ -38,6 +38,19 @@ impl Sampler {
     }
 }
 
+/// The digits of an index in a base, mirrored at the point: in [0, 1). In coprime bases the dimensions of a Halton
+/// sequence.
+pub fn radical_inverse(base: u32, mut index: u32) -> f32 {
+    let (mut value, mut digit) = (0.0_f64, 1.0 / f64::from(base));
+    while index > 0 {
+        value += f64::from(index % base) * digit;
+        index /= base;
+        digit /= f64::from(base);
+    }
+    // Rounding up to 1 is not in the range.
+    (value as f32).min(1.0_f32.next_down())
+}
+
 /// What a [`Sampler`] needs to know of its seed; that of `scene::sample` in shaders takes it in the seed's place.
 pub fn hash_seed(seed: u64) -> u32 {
     hash(seed as u32) ^ hash((seed >> 32) as u32).rotate_left(16)

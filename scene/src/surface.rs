@@ -54,6 +54,16 @@ impl SurfacePoint {
     }
 }
 
+/// A normal, turned to the side of a direction.
+#[inline]
+pub fn facing(normal: Vec3, direction: Vec3) -> Vec3 {
+    if normal.dot(direction) < 0.0 {
+        -normal
+    } else {
+        normal
+    }
+}
+
 impl Scene {
     /// The point a hit stands for. The hit must be of a tracer of this scene that answers
     /// [`Surface`](crate::Answers::Surface).

@@ -7,13 +7,10 @@ use std::f32::consts::PI;
 
 use glam::{Vec3, Vec4};
 use isophote_filters::{EdgeStop, Gaussian, Guides, ImageView, Pinhole};
-use isophote_scene::{Camera, Projection};
+use isophote_scene::Camera;
 
 use super::fragments::{Fragment, Fragments};
 use crate::Result;
-
-/// The opening of a pinhole that stands in for a parallel camera, radians.
-const NEARLY_PARALLEL: f32 = 0.1;
 
 /// What the Gaussians of a picture have in common.
 pub(super) struct Blur {
@@ -121,22 +118,8 @@ fn guides(fragments: &Fragments, camera: &Camera, [width, height]: [usize; 2]) -
 
 /// The camera as the filters know it, where it stands, and where it looks.
 pub(crate) fn pinhole(camera: &Camera) -> Result<(Pinhole, Vec3, Vec3)> {
-    let axes = camera.transform.matrix3;
-    let axis = |axis: glam::Vec3A, other| Vec3::from(axis).normalize_or(other);
-    let right = axis(axes.x_axis, Vec3::X);
-    let up = axis(axes.y_axis, Vec3::Y);
-    let forward = -axis(axes.z_axis, Vec3::Z);
-    let (eye, yfov) = match camera.projection {
-        Projection::Perspective { yfov } => (camera.position(), yfov.clamp(0.001, 3.1)),
-        Projection::Orthographic { half_height } => {
-            let behind = half_height.abs() / (0.5 * NEARLY_PARALLEL).tan();
-            (camera.position() - behind * forward, NEARLY_PARALLEL)
-        }
-    };
-    let pinhole = Pinhole::new(
-        eye.to_array(),
-        [right, up, forward].map(|axis| axis.to_array()),
-        yfov,
-    )?;
-    Ok((pinhole, eye, forward))
+    let seen_by = camera.pinhole();
+    let axes = [seen_by.right, seen_by.up, seen_by.forward].map(|axis| axis.to_array());
+    let pinhole = Pinhole::new(seen_by.eye.to_array(), axes, seen_by.yfov)?;
+    Ok((pinhole, seen_by.eye, seen_by.forward))
 }

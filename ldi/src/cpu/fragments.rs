@@ -4,7 +4,9 @@
 //! of them, and weighted with how many there are: anti-aliasing as graphics hardware does it (§4).
 
 use glam::{UVec2, Vec2, Vec3};
-use isophote_scene::{Camera, Scene, SurfaceMaterial, SurfacePoint, Tracer, reference::Materials};
+use isophote_scene::{
+    Camera, Scene, SurfaceMaterial, SurfacePoint, Tracer, facing, reference::Materials,
+};
 use rayon::prelude::*;
 
 use crate::HybridParams;
@@ -35,15 +37,6 @@ impl Fragment {
     pub(super) fn is_matte(&self) -> bool {
         let material = &self.material;
         material.metallic == 0.0 && material.transmission == 0.0 && !material.unlit
-    }
-}
-
-/// A normal, turned to the side of a direction.
-pub(super) fn facing(normal: Vec3, direction: Vec3) -> Vec3 {
-    if normal.dot(direction) < 0.0 {
-        -normal
-    } else {
-        normal
     }
 }
 

@@ -8,7 +8,7 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 use isophote_scene::{
-    Bsdf, Hit, MIRROR_ROUGHNESS, Ray, SurfaceId, SurfaceMaterial, Tracer,
+    Bsdf, Hit, MIRROR_ROUGHNESS, Ray, SurfaceId, SurfaceMaterial, Tracer, facing,
     reference::Materials,
     sample::{Frame, Sampler, cosine_hemisphere},
 };
@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 use super::{
     Hybrid, Meter,
-    fragments::{Fragment, Fragments, facing},
+    fragments::{Fragment, Fragments},
 };
 
 /// Rays that are traced together, and the most fragments they are of.

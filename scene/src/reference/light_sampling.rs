@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// The lights of a scene, ready to be sampled.
-pub(super) struct LightSampler<'a> {
+pub(crate) struct LightSampler<'a> {
     scene: &'a Scene,
     emitters: Vec<Emitter>,
     /// Index in `emitters` by triangle.
@@ -23,7 +23,7 @@ pub(super) struct LightSampler<'a> {
 /// An emissive triangle.
 pub(crate) struct Emitter {
     pub(crate) surface: SurfaceId,
-    area: f32,
+    pub(crate) area: f32,
     /// Probability of this triangle, and of all up to and including it.
     probability: f32,
     pub(crate) cumulative: f32,
@@ -72,20 +72,20 @@ pub(crate) fn emitters(scene: &Scene) -> Vec<Emitter> {
 }
 
 /// Light that arrives from one chosen direction, if nothing is in the way.
-pub(super) struct Incoming {
+pub(crate) struct Incoming {
     /// Unit, towards the light.
-    pub(super) direction: Vec3,
+    pub(crate) direction: Vec3,
     /// Where the light is; `None` where it is infinitely far away.
-    pub(super) end: Option<Vec3>,
+    pub(crate) end: Option<Vec3>,
     /// Radiance over the density of the choice; for lights without extent the irradiance at normal incidence
     /// over the probability of the choice.
-    pub(super) weight: Vec3,
+    pub(crate) weight: Vec3,
     /// Solid-angle density, where scattered rays can find the light too; infinite elsewhere.
-    pub(super) pdf: f32,
+    pub(crate) pdf: f32,
 }
 
 impl<'a> LightSampler<'a> {
-    pub(super) fn new(scene: &'a Scene) -> Self {
+    pub(crate) fn new(scene: &'a Scene) -> Self {
         let emitters = emitters(scene);
         let index = emitters
             .iter()
@@ -100,13 +100,13 @@ impl<'a> LightSampler<'a> {
     }
 
     /// Whether a ray can find light: on an emissive triangle or outside the scene.
-    pub(super) fn can_be_hit(&self) -> bool {
+    pub(crate) fn can_be_hit(&self) -> bool {
         !self.emitters.is_empty() || !self.scene.environment.is_black()
     }
 
     /// One of the lights without geometry, chosen by `contribution` of its unoccluded light (a function of
     /// the direction and the irradiance at normal incidence).
-    pub(super) fn sample_lights(
+    pub(crate) fn sample_lights(
         &self,
         point: Vec3,
         choice: f32,
@@ -141,7 +141,7 @@ impl<'a> LightSampler<'a> {
     }
 
     /// A point of an emissive triangle; lifted towards `point`.
-    pub(super) fn sample_emitters(&self, point: Vec3, choice: f32, u: Vec2) -> Option<Incoming> {
+    pub(crate) fn sample_emitters(&self, point: Vec3, choice: f32, u: Vec2) -> Option<Incoming> {
         let last = self.emitters.len().checked_sub(1)?;
         let at = self
             .emitters
@@ -168,7 +168,7 @@ impl<'a> LightSampler<'a> {
     }
 
     /// A direction towards the environment.
-    pub(super) fn sample_environment(&self, u: Vec2) -> Option<Incoming> {
+    pub(crate) fn sample_environment(&self, u: Vec2) -> Option<Incoming> {
         let (direction, pdf) = match &self.scene.environment {
             Environment::Black => return None,
             Environment::Constant(_) => (uniform_sphere(u), 0.25 / PI),
@@ -185,7 +185,7 @@ impl<'a> LightSampler<'a> {
 
     /// The density with which [`sample_emitters`](Self::sample_emitters) finds a point that a ray from `origin`
     /// has hit.
-    pub(super) fn emitter_pdf_at(
+    pub(crate) fn emitter_pdf_at(
         &self,
         target: &SurfacePoint,
         origin: Vec3,
@@ -197,7 +197,7 @@ impl<'a> LightSampler<'a> {
     }
 
     /// The density with which [`sample_environment`](Self::sample_environment) finds a direction.
-    pub(super) fn environment_pdf(&self, direction: Vec3) -> f32 {
+    pub(crate) fn environment_pdf(&self, direction: Vec3) -> f32 {
         match &self.scene.environment {
             Environment::Black => 0.0,
             Environment::Constant(_) => 0.25 / PI,
@@ -238,7 +238,7 @@ fn at_center(light: &Light, point: Vec3) -> (Vec3, Vec3, f32) {
 }
 
 /// Light from one light, as if it were the only one.
-fn towards(light: &Light, point: Vec3, u: Vec2) -> Option<Incoming> {
+pub(crate) fn towards(light: &Light, point: Vec3, u: Vec2) -> Option<Incoming> {
     let (direction, irradiance, _) = at_center(light, point);
     let end = match light.kind {
         LightKind::Directional => None,

@@ -1,0 +1,330 @@
+//! The method on the CPU, in the order of its stages (§4, Fig. 1 to 3).
+//!
+//! The exact tracer answers for the camera, the particles, direct light and mirrors; the secondary one says whether points
+//! see the virtual lights: any tracer, exact or not.
+
+pub mod emission;
+mod filter;
+mod gbuffer;
+pub mod indirect;
+mod specular;
+
+use std::{
+    f32::consts::PI,
+    sync::atomic::{AtomicU64, Ordering},
+    time::Instant,
+};
+
+use glam::Vec3;
+use isophote_scene::{
+    Answers, Camera, DirectLight, Image, Scene, Tracer,
+    reference::{Progress, Tracers},
+    sample::hash,
+};
+use rayon::prelude::*;
+
+use self::{
+    emission::{Vpl, shoot},
+    filter::Upsample,
+    gbuffer::{Seen, see},
+    indirect::{Gather, Receiver},
+    specular::{Light, Tree},
+};
+use crate::{Error, GiParams, Pattern, Result};
+
+/// Most pixels of a picture: what is known of each takes up to 256 bytes.
+const MOST_PIXELS: u64 = 1 << 25;
+/// Points that are lit together.
+const CHUNK: usize = 64;
+/// Pixels of a task of direct light.
+const PIXELS: usize = 256;
+
+/// Renders a scene as the paper does.
+pub struct InstantGi<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> {
+    scene: &'a Scene,
+    tracers: Tracers<'a, E, S>,
+    params: GiParams,
+    direct: DirectLight<'a, E>,
+}
+
+/// The stages' results, one value per pixel, row by row from the top; linear RGB.
+#[derive(Clone, Debug, Default)]
+pub struct Stages {
+    /// Radiance by light straight from the lights.
+    pub direct: Vec<Vec3>,
+    /// Radiance by mirrors, glass and highlights, the indirect light of what they show included.
+    pub specular: Vec<Vec3>,
+    /// Irradiance by the virtual point lights.
+    pub irradiance: Vec<Vec3>,
+    /// Radiance by that irradiance.
+    pub indirect: Vec<Vec3>,
+    /// The sum of direct, specular and indirect.
+    pub picture: Vec<Vec3>,
+    /// The virtual point lights.
+    pub vpls: Vec<Vpl>,
+    /// What each stage took: `vpls`, `camera`, `direct`, `indirect`, `filter`.
+    pub passes: Vec<Pass>,
+    /// Rays towards virtual point lights from what mirrors and glass show, which are part of `direct`: the paper's hidden
+    /// cost.
+    pub hidden_rays: u64,
+}
+
+/// What a stage took.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pass {
+    /// The stage.
+    pub name: &'static str,
+    /// Its rays.
+    pub rays: u64,
+    /// Of wall time.
+    pub seconds: f64,
+}
+
+impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
+    /// A renderer of a scene.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] and [`Error::Filter`] for parameters out of their range, [`Error::Scene`] when the exact tracer
+    /// does not answer [`Answers::Surface`], or the secondary one, which must when the bound is compensated.
+    pub fn new(scene: &'a Scene, tracers: Tracers<'a, E, S>, params: &GiParams) -> Result<Self> {
+        params.check()?;
+        let exact = tracers.exact.answers();
+        exact.require(Answers::Surface, "igi", "the exact tracer")?;
+        if params.compensation > 0 {
+            let secondary = tracers.secondary.answers();
+            secondary.require(Answers::Surface, "igi", "the secondary tracer")?;
+        }
+        Ok(Self {
+            scene,
+            tracers,
+            params: *params,
+            direct: DirectLight::new(scene, tracers.exact),
+        })
+    }
+
+    /// Renders what a camera sees; `progress` is told how far it is.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for a size of zero, or of more than 2²⁵ pixels.
+    pub fn render(
+        &self,
+        camera: &Camera,
+        size: [u32; 2],
+        progress: &dyn Progress,
+    ) -> Result<Stages> {
+        let [width, height] = size;
+        let pixels = u64::from(width) * u64::from(height);
+        if !(1..=MOST_PIXELS).contains(&pixels) {
+            return Err(Error::Parameter {
+                name: "the size of the picture",
+                value: format!("{width}x{height}"),
+                expected: "it must have 1 to 33554432 pixels",
+            });
+        }
+        let (scene, exact, params) = (self.scene, self.tracers.exact, &self.params);
+        let upsample = Upsample::new(size, params)?;
+        let mut passes = Vec::new();
+        let vpls = timed(&mut passes, "vpls", || shoot(scene, exact, params));
+        let seen = timed(&mut passes, "camera", || {
+            let seen = see(scene, exact, camera, size, params.materials);
+            (seen, pixels)
+        });
+        let gather = Gather {
+            scene,
+            tracer: self.tracers.secondary,
+            direct: &self.direct,
+            vpls: &vpls,
+            params,
+        };
+        let [columns, rows] = upsample.grid.size();
+        let meter = Meter {
+            progress,
+            done: AtomicU64::new(0),
+            total: pixels + (columns * rows) as u64,
+        };
+        let lights = timed(&mut passes, "direct", || {
+            let lights = self.direct_and_specular(&seen, &gather, &meter);
+            let rays = lights.iter().map(|light| light.rays + light.vpl_rays).sum();
+            (lights, rays)
+        });
+        let samples = timed(&mut passes, "indirect", || {
+            self.samples(&seen, &gather, &upsample, size, &meter)
+        });
+        let irradiance = timed(&mut passes, "filter", || {
+            (upsample.apply(&samples, &seen, &camera.pinhole()), 0)
+        })?;
+        let albedo = |seen: &Option<Seen>| seen.as_ref().map_or(Vec3::ZERO, Seen::albedo);
+        let indirect: Vec<Vec3> = seen
+            .iter()
+            .zip(&irradiance)
+            .map(|(seen, &irradiance)| albedo(seen) / PI * irradiance)
+            .collect();
+        let picture = lights.iter().zip(&indirect);
+        Ok(Stages {
+            picture: picture
+                .map(|(light, &indirect)| light.direct + light.specular + indirect)
+                .collect(),
+            direct: lights.iter().map(|light| light.direct).collect(),
+            specular: lights.iter().map(|light| light.specular).collect(),
+            hidden_rays: lights.iter().map(|light| light.vpl_rays).sum(),
+            irradiance,
+            indirect,
+            vpls,
+            passes,
+        })
+    }
+
+    /// Stage 3.
+    fn direct_and_specular(
+        &self,
+        seen: &[Option<Seen>],
+        gather: &Gather<'_, E, S>,
+        meter: &Meter<'_>,
+    ) -> Vec<Light> {
+        let tree = Tree {
+            scene: self.scene,
+            exact: self.tracers.exact,
+            direct: &self.direct,
+            gather,
+            params: &self.params,
+        };
+        let mut lights = vec![Light::default(); seen.len()];
+        lights
+            .par_chunks_mut(PIXELS)
+            .zip(seen.par_chunks(PIXELS))
+            .enumerate()
+            .for_each(|(chunk, (lights, seen))| {
+                for (index, (light, seen)) in lights.iter_mut().zip(seen).enumerate() {
+                    if let Some(seen) = seen {
+                        *light = tree.light(seen, (chunk * PIXELS + index) as u32);
+                    }
+                }
+                meter.advance(seen.len());
+            });
+        lights
+    }
+
+    /// Stage 4, at the samples of a grid of pixels.
+    fn samples(
+        &self,
+        seen: &[Option<Seen>],
+        gather: &Gather<'_, E, S>,
+        upsample: &Upsample,
+        [width, _]: [u32; 2],
+        meter: &Meter<'_>,
+    ) -> (Vec<Vec3>, u64) {
+        let [columns, rows] = upsample.grid.size();
+        let mut light = vec![Vec3::ZERO; columns * rows];
+        let rays = light
+            .par_chunks_mut(CHUNK)
+            .enumerate()
+            .map(|(chunk, light)| {
+                let mut receivers = Vec::with_capacity(light.len());
+                let mut places = Vec::with_capacity(light.len());
+                for place in 0..light.len() {
+                    let number = chunk * CHUNK + place;
+                    let sample = [number % columns, number / columns];
+                    let [x, y] = upsample.grid.pixel(sample);
+                    let pixel = y * width as usize + x;
+                    if let Some(seen) = &seen[pixel]
+                        && seen.albedo() != Vec3::ZERO
+                    {
+                        places.push(place);
+                        receivers.push(Receiver {
+                            point: &seen.point,
+                            normal: seen.normal(),
+                            part: self.part(sample),
+                            stream: pixel as u32,
+                        });
+                    }
+                }
+                let mut found = vec![Vec3::ZERO; receivers.len()];
+                let rays = gather.irradiance(&receivers, &mut found);
+                for (place, found) in places.into_iter().zip(found) {
+                    light[place] = found;
+                }
+                meter.advance(light.len());
+                rays
+            })
+            .sum();
+        (light, rays)
+    }
+
+    /// Which part of the lights lights a sample, of how many (§4.3).
+    fn part(&self, [i, j]: [usize; 2]) -> [u32; 2] {
+        let [m, n] = self.params.interleaving;
+        let (i, j) = (i as u32, j as u32);
+        let place = (j % n) * m + i % m;
+        let parts = m * n;
+        let part = match self.params.pattern {
+            Pattern::Regular => place,
+            Pattern::Irregular => shuffled(place, parts, hash((i / m) ^ hash(j / n))),
+        };
+        [part, parts]
+    }
+}
+
+/// Where a place comes in a shuffled row of as many (Fisher and Yates).
+fn shuffled(place: u32, count: u32, mut seed: u32) -> u32 {
+    let mut order = [0_u8; 64];
+    for (number, slot) in (0..count as u8).zip(&mut order) {
+        *slot = number;
+    }
+    for last in (1..count as usize).rev() {
+        seed = hash(seed.wrapping_add(0x9e37_79b9));
+        order.swap(last, seed as usize % (last + 1));
+    }
+    u32::from(order[place as usize])
+}
+
+/// Counts finished points for whoever watches.
+struct Meter<'a> {
+    progress: &'a dyn Progress,
+    done: AtomicU64,
+    total: u64,
+}
+
+impl Meter<'_> {
+    fn advance(&self, points: usize) {
+        let done = self.done.fetch_add(points as u64, Ordering::Relaxed) + points as u64;
+        self.progress.advance(done, self.total);
+    }
+}
+
+fn timed<T>(passes: &mut Vec<Pass>, name: &'static str, stage: impl FnOnce() -> (T, u64)) -> T {
+    let start = Instant::now();
+    let (result, rays) = stage();
+    passes.push(Pass {
+        name,
+        rays,
+        seconds: start.elapsed().as_secs_f64(),
+    });
+    result
+}
+
+impl Stages {
+    /// Rays of all kinds.
+    pub fn rays(&self) -> u64 {
+        self.passes.iter().map(|pass| pass.rays).sum()
+    }
+
+    /// The stages by the names of their layers.
+    pub fn layers(&self) -> [(&'static str, &[Vec3]); 4] {
+        [
+            ("direct", &self.direct),
+            ("specular", &self.specular),
+            ("indirect", &self.indirect),
+            ("irradiance.indirect", &self.irradiance),
+        ]
+    }
+
+    /// The picture in R, G, B, and [`layers`](Self::layers).
+    pub fn image(&self, [width, height]: [u32; 2]) -> Image {
+        let mut image = Image::new(width, height);
+        image.push_layer("", "RGB", &self.picture);
+        for (name, values) in self.layers() {
+            image.push_layer(name, "RGB", values);
+        }
+        image
+    }
+}

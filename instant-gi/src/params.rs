@@ -1,0 +1,169 @@
+//! What can be chosen.
+
+use isophote_scene::reference::Materials;
+
+use crate::{Error, Result};
+
+/// How a picture is made. The defaults are the paper's largest setting, without its shortcuts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GiParams {
+    /// Light paths that are shot, 1 to 65,536; each makes up to `bounces` virtual point lights.
+    pub paths: u32,
+    /// Surfaces that a light path meets, 1 to 16. Only with 1 the indirect light is `indirect`, one bounce; further
+    /// bounces count towards `path`.
+    pub bounces: u32,
+    /// The bounding distance of Eq. (1), metres: light that travelled less than 0.8 times as far is left out, from 1.2
+    /// times on all of it counts. 0 is off.
+    pub min_d: f32,
+    /// Rays a point by which the light that the bound leaves out is found again (Kollig and Keller 2004), 0 to 1024; 0
+    /// is the paper's way, and leaves corners dark.
+    pub compensation: u32,
+    /// How many mirrors and panes of glass a path from the eye goes through, 0 to 16.
+    pub depth: u32,
+    /// Samples a pixel of light from lights with an extent, 1 to 1024; others need one.
+    pub light_rays: u32,
+    /// Rays a pixel into the highlights of rough metal, 1 to 1024.
+    pub glossy_rays: u32,
+    /// Indirect light is computed at every s-th pixel in both directions (§4.2), 1 to 16; the paper takes 4.
+    pub downsampling: u32,
+    /// The lights are divided among m × n neighbouring samples (§4.3), each side 1 to 8; the paper takes 3 × 3.
+    pub interleaving: [u32; 2],
+    /// Which sample of a tile has which part of the lights.
+    pub pattern: Pattern,
+    /// How samples become a picture.
+    pub filter: Filter,
+    /// Which part of the materials counts.
+    pub materials: Materials,
+    /// Chooses the samples. Another seed shoots other light paths.
+    pub seed: u64,
+}
+
+/// Which sample of a tile of interleaved sampling has which part of the lights.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Pattern {
+    /// The same in every tile (§4.3). [`Filter::Edges`] upsamples each part by itself, so that no pattern shows.
+    #[default]
+    Regular,
+    /// Shuffled in every tile, so that no pattern repeats (proposed in §6); noise takes its place.
+    Irregular,
+}
+
+/// How the samples of downsampling and interleaving become a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Filter {
+    /// The discontinuity buffer (§4.3), then joint bilateral upsampling by normals alone (§4.2, Eq. (2)).
+    Paper,
+    /// Both with depths too, so that surfaces that face alike do not mix.
+    #[default]
+    Edges,
+}
+
+impl Default for GiParams {
+    fn default() -> Self {
+        Self {
+            paths: 180,
+            bounces: 1,
+            min_d: 0.1,
+            compensation: 0,
+            depth: 4,
+            light_rays: 4,
+            glossy_rays: 4,
+            downsampling: 1,
+            interleaving: [1, 1],
+            pattern: Pattern::default(),
+            filter: Filter::default(),
+            materials: Materials::default(),
+            seed: 0,
+        }
+    }
+}
+
+impl GiParams {
+    /// An error unless every parameter is in its range.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`].
+    pub fn check(&self) -> Result<()> {
+        let wrong = |name, value: String, expected| {
+            Err(Error::Parameter {
+                name,
+                value,
+                expected,
+            })
+        };
+        let counts: [(&'static str, u32, u32, u32, &'static str); 9] = [
+            (
+                "the number of light paths",
+                self.paths,
+                1,
+                1 << 16,
+                "it must be 1 to 65536",
+            ),
+            (
+                "the number of bounces",
+                self.bounces,
+                1,
+                16,
+                "it must be 1 to 16",
+            ),
+            (
+                "the number of compensating rays",
+                self.compensation,
+                0,
+                1024,
+                "it must be 0 to 1024",
+            ),
+            (
+                "the depth of reflections",
+                self.depth,
+                0,
+                16,
+                "it must be 0 to 16",
+            ),
+            (
+                "the number of light rays",
+                self.light_rays,
+                1,
+                1024,
+                "it must be 1 to 1024",
+            ),
+            (
+                "the number of glossy rays",
+                self.glossy_rays,
+                1,
+                1024,
+                "it must be 1 to 1024",
+            ),
+            (
+                "the downsampling",
+                self.downsampling,
+                1,
+                16,
+                "it must be 1 to 16",
+            ),
+            (
+                "a side of the interleaved tile",
+                self.interleaving[0],
+                1,
+                8,
+                "it must be 1 to 8",
+            ),
+            (
+                "a side of the interleaved tile",
+                self.interleaving[1],
+                1,
+                8,
+                "it must be 1 to 8",
+            ),
+        ];
+        for (name, value, least, most, expected) in counts {
+            if !(least..=most).contains(&value) {
+                return wrong(name, value.to_string(), expected);
+            }
+        }
+        if !(self.min_d >= 0.0 && self.min_d.is_finite()) {
+            return wrong("min_d", self.min_d.to_string(), "it must be 0 or positive");
+        }
+        Ok(())
+    }
+}

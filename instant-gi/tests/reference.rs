@@ -1,0 +1,121 @@
+//! Against the reference integrators.
+#![expect(clippy::unwrap_used, reason = "tests")]
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use isophote_instant_gi::{GiParams, InstantGi};
+use isophote_scene::{
+    BuildTracer, BvhOptions, BvhTracer, Receivers, Scene, Selection, builtin,
+    reference::{Materials, Quantity, Settings, Tracers, bake},
+};
+
+const SIZE: [u32; 2] = [48, 36];
+
+struct Lab {
+    scene: Arc<Scene>,
+    exact: BvhTracer,
+}
+
+impl Lab {
+    fn new(name: &str) -> Self {
+        let scene = Arc::new(builtin::build(name).unwrap());
+        let exact =
+            BvhTracer::build(&scene, &Selection::default(), &BvhOptions::default()).unwrap();
+        Self { scene, exact }
+    }
+
+    fn tracers(&self) -> Tracers<'_, BvhTracer, BvhTracer> {
+        Tracers {
+            exact: &self.exact,
+            secondary: &self.exact,
+        }
+    }
+
+    fn found(&self, params: &GiParams) -> Vec<Vec3> {
+        let gi = InstantGi::new(&self.scene, self.tracers(), params).unwrap();
+        let camera = &self.scene.cameras[0];
+        gi.render(camera, SIZE, &|_, _| {}).unwrap().indirect
+    }
+
+    fn truth(&self, min_d: f32) -> Vec<Vec3> {
+        let settings = Settings {
+            samples: 512,
+            materials: Materials::Lambert,
+            min_d,
+            seed: 9,
+            ..Settings::default()
+        };
+        // At the very points that the pixels' centres show.
+        let camera = &self.scene.cameras[0];
+        let receivers = Receivers::from_camera(&self.scene, &self.exact, camera, SIZE);
+        let quantities = [Quantity::Indirect];
+        let (estimates, _) = bake(
+            &self.scene,
+            self.tracers(),
+            &receivers,
+            &quantities,
+            &settings,
+            &|_, _| {},
+        )
+        .unwrap();
+        let mut values = vec![Vec3::ZERO; (SIZE[0] * SIZE[1]) as usize];
+        for (receiver, &value) in receivers.points.iter().zip(&estimates[0].values) {
+            values[receiver.index as usize] = value;
+        }
+        values
+    }
+}
+
+fn mean(values: &[Vec3]) -> f32 {
+    values.iter().map(|value| value.element_sum()).sum::<f32>() / (3 * values.len()) as f32
+}
+
+fn relative_rmse(values: &[Vec3], truth: &[Vec3]) -> f32 {
+    let pairs = values.iter().zip(truth);
+    let squares: f32 = pairs.map(|(a, b)| (*a - *b).length_squared()).sum();
+    (squares / (3 * truth.len()) as f32).sqrt() / mean(truth)
+}
+
+fn params() -> GiParams {
+    GiParams {
+        paths: 4096,
+        materials: Materials::Lambert,
+        light_rays: 16,
+        ..GiParams::default()
+    }
+}
+
+/// One bounce by many virtual lights is the reference's, bounded alike.
+#[test]
+fn many_lights_are_one_bounce() {
+    let lab = Lab::new("cornell");
+    let (found, truth) = (lab.found(&params()), lab.truth(0.1));
+    let bias = mean(&found) / mean(&truth) - 1.0;
+    let rmse = relative_rmse(&found, &truth);
+    assert!(bias.abs() < 0.015 && rmse < 0.1, "{bias} {rmse}");
+    let flat = vec![Vec3::splat(mean(&truth)); truth.len()];
+    assert!(
+        relative_rmse(&flat, &truth) > 0.3,
+        "the picture is not flat"
+    );
+}
+
+/// A bound of 1.5 m darkens the box, and compensation gives the light back.
+#[test]
+fn compensation_gives_back_what_the_bound_took() {
+    let lab = Lab::new("cornell");
+    let truth = mean(&lab.truth(0.0));
+    let bounded = GiParams {
+        min_d: 1.5,
+        ..params()
+    };
+    let lost = mean(&lab.found(&bounded)) / truth - 1.0;
+    assert!(lost < -0.04, "{lost}");
+    let compensated = GiParams {
+        compensation: 64,
+        ..bounded
+    };
+    let bias = mean(&lab.found(&compensated)) / truth - 1.0;
+    assert!(bias.abs() < 0.02, "{bias}");
+}

@@ -1,0 +1,101 @@
+//! Light that comes straight from the lights, for techniques that shade what they see.
+
+use glam::Vec3;
+
+use crate::{
+    Bsdf, Ray, Scene, SurfacePoint, Tracer,
+    reference::light_sampling::{Incoming, LightSampler, towards},
+    sample::Sampler,
+};
+
+/// Lights without geometry up to this number are all asked; of more, one is chosen.
+const FEW: usize = 16;
+
+/// The lights of a scene and who answers the rays towards them.
+///
+/// Every light without geometry is asked (of more than 16, one is chosen by what it would contribute), one point of all
+/// emissive triangles and one direction of the environment. So with point, spot and directional lights alone the answer
+/// has no noise.
+pub struct DirectLight<'a, T: Tracer + ?Sized> {
+    scene: &'a Scene,
+    tracer: &'a T,
+    lights: LightSampler<'a>,
+}
+
+impl<'a, T: Tracer + ?Sized> DirectLight<'a, T> {
+    /// Light with shadows by a tracer.
+    pub fn new(scene: &'a Scene, tracer: &'a T) -> Self {
+        Self {
+            scene,
+            tracer,
+            lights: LightSampler::new(scene),
+        }
+    }
+
+    /// Radiance that a point scatters towards a unit direction by light straight from the lights, and the rays it took.
+    /// What a mirror or glass shows of the lights is not in it.
+    pub fn scattered(
+        &self,
+        point: &SurfacePoint,
+        view: Vec3,
+        bsdf: &Bsdf,
+        sampler: &Sampler,
+    ) -> (Vec3, u64) {
+        let mut sum = Vec3::ZERO;
+        let mut rays = 0;
+        let mut add = |incoming: Incoming| {
+            let scattered = bsdf.evaluate(view, incoming.direction) * incoming.weight;
+            if scattered == Vec3::ZERO || !scattered.is_finite() {
+                return;
+            }
+            rays += 1;
+            if self.is_visible(point, &incoming) {
+                sum += scattered;
+            }
+        };
+        let u = sampler.get_2d(0);
+        let choices = sampler.get_2d(1);
+        if self.scene.lights.len() <= FEW {
+            for light in &self.scene.lights {
+                towards(light, point.position, u).map(&mut add);
+            }
+        } else {
+            let contribution = |direction: Vec3, irradiance: Vec3| {
+                (bsdf.evaluate(view, direction) * irradiance).element_sum()
+            };
+            let chosen = self
+                .lights
+                .sample_lights(point.position, choices.x, u, contribution);
+            chosen.map(&mut add);
+        }
+        let emitter = self
+            .lights
+            .sample_emitters(point.position, choices.y, sampler.get_2d(2));
+        emitter.map(&mut add);
+        self.lights
+            .sample_environment(sampler.get_2d(3))
+            .map(&mut add);
+        (sum, rays)
+    }
+
+    /// Whether a sample differs from another: there are lights with an extent, or too many.
+    pub fn is_noisy(&self) -> bool {
+        let extended = |light: &crate::Light| matches!(light.kind, crate::LightKind::Point { radius } if radius > 0.0);
+        self.lights.can_be_hit()
+            || self.scene.lights.len() > FEW
+            || self.scene.lights.iter().any(extended)
+    }
+
+    fn is_visible(&self, point: &SurfacePoint, incoming: &Incoming) -> bool {
+        let tolerance = self.tracer.tolerance(point.position);
+        let origin = point.lifted(incoming.direction, tolerance);
+        let ray = match incoming.end {
+            None => Ray::new(origin, incoming.direction),
+            Some(end) => {
+                let distance = (end - origin).length();
+                Ray::new(origin, (end - origin) / distance).until(distance - tolerance)
+            }
+        };
+        !self.tracer.any_hit_from(&ray, point.surface)
+    }
+}
