@@ -1,7 +1,8 @@
 //! How long maps take to build, on the CPU and on the GPU in both ways; and rays per second of maps and of the compute
 //! BVH there, on the same incoherent diffuse rays.
 //!
-//! `cargo bench -p isophote-ldi --features gpu --bench gpu -- [SCENE...]`; the built-in atrium unless given.
+//! `cargo bench -p isophote-ldi --features gpu --bench gpu -- [SCENE...] [--no-peeling]`; the built-in atrium unless
+//! given. On software adapters depth peeling takes minutes.
 
 use std::{path::Path, sync::Arc, time::Instant};
 
@@ -24,6 +25,7 @@ const RAYS: usize = 1 << 17;
 const REPEATS: usize = 3;
 
 fn main() {
+    let peels = !std::env::args().any(|argument| argument == "--no-peeling");
     let scenes: Vec<String> = std::env::args()
         .skip(1)
         .filter(|a| !a.starts_with("--"))
@@ -43,7 +45,7 @@ fn main() {
         };
         let scene = Arc::new(scene.expect("a scene"));
         println!("{name}: {} triangles", scene.triangle_count());
-        measure(&context, &scene);
+        measure(&context, &scene, peels);
     }
 }
 
@@ -61,7 +63,7 @@ fn shortest<T>(mut run: impl FnMut() -> T) -> (T, f64) {
     (result, best)
 }
 
-fn measure(context: &Context, scene: &Arc<Scene>) {
+fn measure(context: &Context, scene: &Arc<Scene>, peels: bool) {
     let selection = Selection::default();
     let exact = BvhTracer::build(scene, &selection, &BvhOptions::default()).expect("a tracer");
     let rays = diffuse(scene, &exact);
@@ -84,7 +86,8 @@ fn measure(context: &Context, scene: &Arc<Scene>) {
             "  {} directions, {resolution}², {coverage:?}: built on the CPU in {cpu:.2} s",
             6 * cells * cells
         );
-        for method in [BuildMethod::SinglePass, BuildMethod::DepthPeeling] {
+        let methods = [BuildMethod::SinglePass, BuildMethod::DepthPeeling];
+        for method in methods.into_iter().take(1 + usize::from(peels)) {
             let build = || {
                 LdiGpuTracer::build_with(context, scene, &selection, &params, method).expect("maps")
             };
