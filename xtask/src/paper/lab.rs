@@ -134,9 +134,14 @@ impl Lab {
 
     /// relRMSE and bias of a picture against another.
     pub(super) fn compare(&self, shot: &Shot, truth: &Shot) -> Result<[f64; 2]> {
-        let [shot, truth] = [shot, truth].map(|shot| self.file(&shot.name, "exr"));
-        let report = self.isophote.json(&["compare", &shot, &truth, "--json"])?;
+        let report = self.compare_whole(shot, truth)?;
         Ok([number(&report, "/rel_rmse")?, number(&report, "/bias")?])
+    }
+
+    /// All that `isophote compare` tells.
+    pub(super) fn compare_whole(&self, shot: &Shot, truth: &Shot) -> Result<Value> {
+        let [shot, truth] = [shot, truth].map(|shot| self.file(&shot.name, "exr"));
+        self.isophote.json(&["compare", &shot, &truth, "--json"])
     }
 
     /// The lines that the bench `trace` of a crate prints.

@@ -3,6 +3,7 @@
 //! One file per section. Its numbers stand in the page beside the paper's, and in `ldi.json`.
 
 mod figures;
+mod filter;
 mod growth;
 mod memory;
 mod table1;
@@ -32,7 +33,7 @@ pub(crate) struct Arguments {
     /// Table 1 on the fastest GPU too
     #[arg(long)]
     gpu: bool,
-    /// Only these sections: table-1, truth, memory, figures, growth
+    /// Only these sections: table-1, truth, memory, filter, figures, growth
     #[arg(long, value_name = "SECTION[,…]", value_delimiter = ',')]
     only: Vec<String>,
     #[command(flatten)]
@@ -42,10 +43,11 @@ pub(crate) struct Arguments {
 /// Measures a section; its numbers go into the JSON.
 type Measure = fn(&Lab) -> Result<(Section, Value)>;
 
-const SECTIONS: [(&str, Measure); 5] = [
+const SECTIONS: [(&str, Measure); 6] = [
     ("table-1", table1::measure),
     ("truth", truth::measure),
     ("memory", memory::measure),
+    ("filter", filter::measure),
     ("figures", figures::measure),
     ("growth", growth::measure),
 ];
