@@ -196,7 +196,8 @@ impl<'a> Bench<'a> {
         if self.arguments.truth > 0 {
             report["truth"] = self.truth(tracer);
         }
-        if self.arguments.conformance > 0 {
+        // The suite's rays come from the whole scene, of which maps within bounds hold a part.
+        if self.arguments.conformance > 0 && self.arguments.bounds.is_none() {
             report["conformance"] = self.conformance(tracer);
         }
         if params.coverage == Coverage::Center {

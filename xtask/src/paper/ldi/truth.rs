@@ -21,7 +21,7 @@ const TEXT: &str = "Tracing alone, one thread, incoherent diffuse rays around th
     to the exact tracer; sorting and asking again are in its time. Aims: closest hit 3 times and any hit 2 times the exact \
     tracer; relRMSE 12 % and bias 4 % at 128², 6 % and 2 % at 512², with the dial 5 % and 2 %. The paper gives no errors.";
 const LEAKS: &str = "Wrong answers by kind of ray, on triangles chosen without regard to their size, so mostly on the \
-    smallest: leaks are hits of the exact tracer that the maps miss or pass by more than a ten-thousandth of the scene.";
+    smallest: leaks are hits of the exact tracer that the maps miss or pass by more than a ten-thousandth of the scene. Not of scenes whose maps are fitted to a part of them.";
 
 pub(super) fn measure(lab: &Lab) -> Result<(Section, Value)> {
     let [rays, samples, conformance] = if lab.quick {
