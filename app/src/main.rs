@@ -13,7 +13,6 @@ mod display;
 mod gpu;
 #[cfg(feature = "gpu")]
 mod gpu_rays;
-mod hybrid;
 mod info;
 mod maps;
 mod metrics;
@@ -25,6 +24,7 @@ mod render;
 mod scene_args;
 mod settings;
 mod show;
+mod technique;
 mod trace;
 mod tracers;
 mod values;

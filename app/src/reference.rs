@@ -6,14 +6,13 @@ use anyhow::Result;
 #[cfg(not(feature = "gpu"))]
 use anyhow::bail;
 use glam::Vec3;
-use isophote_ldi::Pass;
 #[cfg(feature = "gpu")]
 use isophote_scene::{
     Answers,
     gpu::{self, GpuTracer},
 };
 use isophote_scene::{
-    Camera, Scene, Tracer,
+    Camera, Pass, Scene, Tracer,
     reference::{self, Progress, Quantity, Render, Settings, Tracers},
 };
 
@@ -50,6 +49,8 @@ pub(crate) struct Order<'a> {
     pub(crate) size: [u32; 2],
     pub(crate) quantities: &'a [Quantity],
     pub(crate) settings: &'a Settings,
+    /// The bounding distance, where one was asked for, metres.
+    pub(crate) min_d: Option<f32>,
 }
 
 /// A picture, what else is to be seen of how it was made, and how long each pass took by the GPU's clock.
@@ -154,6 +155,7 @@ impl Ground {
                     size,
                     quantities,
                     settings,
+                    ..
                 } = order;
                 let render = reference::render(
                     scene, tracers, camera, size, quantities, settings, progress,
@@ -204,6 +206,7 @@ fn on_gpu(
         size,
         quantities,
         settings,
+        ..
     } = order;
     let render = integrator.render(world, camera, size, quantities, settings, progress)?;
     let times = integrator.take_times().into_iter();

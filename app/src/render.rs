@@ -5,16 +5,14 @@ use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
 use anyhow::{Result, ensure};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
-use isophote_ldi::Pass;
 use isophote_scene::{
-    Camera, Image, Scene, Selection, check_writable,
+    Camera, Image, Pass, Scene, Selection, check_writable,
     reference::{Materials, Normals, Quantity, Render, Settings},
 };
 use serde::Serialize;
 
 use crate::{
-    applies::{Idle, ids},
-    hybrid::{self, HybridArgs},
+    applies::Idle,
     maps::MapsInfo,
     output::{
         PROGRAM, Program, Voice, has_suffix, memory_available_bytes, memory_peak_bytes, print_json,
@@ -22,6 +20,7 @@ use crate::{
     },
     reference::{Ground, Made, Order},
     scene_args::{SceneArgs, choose_camera, note_moving, require_geometry, require_light},
+    technique::{Technique, TechniqueArgs, TechniqueChoice},
     tracers::{AnyTracer, Device, Plan, TracerArgs, choose},
     values,
 };
@@ -29,7 +28,7 @@ use crate::{
 const EXAMPLES: &str = "\
 An .exr file keeps linear light in 32-bit floats: the picture in R, G, B when one quantity is asked for, a layer for \
 each (ao.R, direct.R, …) when there are several, and always albedo, normal, position, depth, primitive and instance; \
-with --technique ldi also its stages: direct, diffuse, glossy, irradiance.indirect and irradiance.noisy. \
+with another technique than reference also its stages (direct, diffuse, glossy, irradiance.indirect, …). \
 Its header holds every setting and the picture's own noise (relRMSE). A .png file is for looking at: every quantity, \
 ao too, is multiplied with 2^exposure and shown as sRGB.
 
@@ -41,6 +40,7 @@ Examples:
   isophote render hall.glb --device gpu --tracer ray-query --spp 1024 -o hall.exr
   isophote render hall.glb --technique ldi --ldi-samples 4 -o hall.exr -o hall.png   (direct light and one bounce)
   isophote render hall.glb --technique ldi --ldi-layers center --ldi-exact 15% --ldi-save hall.maps -o hall.exr
+  isophote render hall.glb --technique igi --igi-downsampling 4 --igi-interleaving 3x3 -o hall.png
   isophote render room.obj --environment sky.hdr --add bunny.glb@0,0.8,0,0.5,30 -o room.png --exposure 1";
 
 /// Render a scene.
@@ -52,7 +52,7 @@ pub(crate) struct RenderArgs {
     scene: Option<String>,
     /// How light is calculated
     #[arg(long, value_enum, default_value = "reference")]
-    technique: Technique,
+    technique: TechniqueChoice,
     /// Who answers its rays; bvh on the CPU and compute-bvh on a GPU unless given
     #[arg(long, value_enum)]
     tracer: Option<AnyTracer>,
@@ -63,7 +63,8 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
     /// What to calculate: ao, obscurance, direct, indirect, path, irradiance.direct, irradiance.indirect or
-    /// irradiance.path; several with commas. The technique ldi knows direct, indirect, and path with 2 bounces
+    /// irradiance.path; several with commas. The techniques ldi and igi know direct, indirect, and path with as many
+    /// bounces as they have
     #[arg(
         long,
         value_name = "NAME[,…]",
@@ -74,9 +75,10 @@ pub(crate) struct RenderArgs {
     /// How far ao and obscurance look; obscurance needs a finite one [metres]
     #[arg(long, value_name = "METRES", default_value = "inf", value_parser = values::distance)]
     d_max: f32,
-    /// Leave out the indirect light of surfaces nearer than about this, as methods with virtual lights must [metres]
-    #[arg(long, value_name = "METRES", default_value_t = 0.0, value_parser = values::not_negative)]
-    min_d: f32,
+    /// Leave out the indirect light of surfaces nearer than about this, as methods with virtual lights must; 0 unless
+    /// given, and 0.1 with --technique igi [metres]
+    #[arg(long, value_name = "METRES", value_parser = values::not_negative)]
+    min_d: Option<f32>,
     /// Which part of the materials counts
     #[arg(long, value_enum, default_value = "pbr")]
     materials: MaterialsChoice,
@@ -119,23 +121,13 @@ pub(crate) struct RenderArgs {
     #[command(flatten)]
     tracer_args: TracerArgs,
     #[command(flatten)]
-    hybrid: HybridArgs,
+    techniques: TechniqueArgs,
     #[command(flatten)]
     changes: SceneArgs,
 }
 
 // clap takes a bare array for a list of values.
 type Size = [u32; 2];
-
-/// How light is calculated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Technique {
-    /// Path tracing: the right answer, given enough samples
-    Reference,
-    /// Layered depth images: direct light and one bounce of few diffuse and glossy rays a pixel, filtered; by the tracer
-    /// ldi unless another is given
-    Ldi,
-}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum MaterialsChoice {
@@ -200,25 +192,43 @@ impl RenderArgs {
     /// Flags that have no effect beside the others.
     pub(crate) fn idle(&self) -> Vec<Idle> {
         let mut idle = self.tracer_args.idle(self.tracer());
-        match self.technique {
-            Technique::Reference => {
-                idle.extend(Idle::all(ids::<HybridArgs>(), "it is for --technique ldi"));
-            }
-            Technique::Ldi => {
-                let of_reference = ["d_max", "min_d", "normals", "path_bounces"];
-                let why = "the technique ldi does not know it";
-                idle.extend(Idle::all(of_reference, why));
-                let why = "the technique ldi counts rays: --ldi-diffuse-rays, --ldi-glossy-rays, --ldi-light-rays";
-                idle.extend(Idle::all(["spp"], why));
-            }
-        }
+        idle.extend(self.techniques.idle(self.technique));
         idle
     }
 
+    fn chosen(&self) -> &dyn Technique {
+        self.techniques.chosen(self.technique)
+    }
+
     fn tracer(&self) -> Option<AnyTracer> {
-        match self.technique {
-            Technique::Reference => self.tracer,
-            Technique::Ldi => self.tracer.or(Some(AnyTracer::Ldi)),
+        self.tracer.or(self.chosen().tracer())
+    }
+
+    fn settings_of(&self) -> Settings {
+        Settings {
+            d_max: self.d_max,
+            min_d: self.min_d.unwrap_or(0.0),
+            materials: match self.materials {
+                MaterialsChoice::Lambert => Materials::Lambert,
+                MaterialsChoice::Pbr => Materials::Pbr,
+            },
+            normals: match self.normals {
+                NormalsChoice::Smooth => Normals::Smooth,
+                NormalsChoice::Flat => Normals::Flat,
+            },
+            samples: self.spp,
+            seed: self.seed,
+            path_bounces: self.path_bounces,
+        }
+    }
+
+    fn order<'a>(&'a self, camera: &'a Camera, settings: &'a Settings) -> Order<'a> {
+        Order {
+            camera,
+            size: self.size,
+            quantities: &self.quantity,
+            settings,
+            min_d: self.min_d,
         }
     }
 }
@@ -261,10 +271,12 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
     for (name, value) in ground.maps().iter().flat_map(|maps| maps.settings()) {
         settings.insert(name.into(), value);
     }
-    if args.technique == Technique::Ldi {
-        settings.insert("path-bounces".into(), hybrid::BOUNCES.to_string());
+    let wanted = args.settings_of();
+    let order = args.order(&camera, &wanted);
+    for (name, value) in args.chosen().header(&order) {
+        settings.insert(name.into(), value);
     }
-    let (made, time) = timed(|| make(args, &scene, &ground, &camera, voice));
+    let (made, time) = timed(|| make(args, &scene, &ground, order, voice));
     let made = made?;
     seconds.render = time;
     let noise: BTreeMap<String, f32> = made
@@ -335,9 +347,7 @@ fn check_settings(args: &RenderArgs) -> Result<()> {
         );
         check_writable(path)?;
     }
-    if args.technique == Technique::Ldi {
-        hybrid::check(&args.quantity)?;
-    }
+    args.technique.check(args.chosen(), &args.quantity)?;
     ensure!(
         args.d_max.is_finite() || !args.quantity.contains(&Quantity::Obscurance),
         "obscurance needs a finite --d-max, since it grows with the distance over that"
@@ -358,16 +368,12 @@ fn check_memory(args: &RenderArgs) -> Result<()> {
         u64::from(width) * u64::from(height),
         args.quantity.len() as u64,
     );
-    let (stages, samples) = match args.technique {
-        Technique::Reference => (0, 0),
-        Technique::Ldi => (hybrid::STAGES, u64::from(args.hybrid.ldi_samples)),
-    };
+    let [stages, bytes] = args.chosen().costs();
     // The channels of the file: RGB of each quantity, stage and of three layers, and depth, primitive, instance.
     let channels = 3 * (quantities + stages) + 12;
     let file = pixels * 4 * channels;
     // They are held three times while they are written; before, two halves and their mean.
-    let needed = 3 * file.max(pixels * 12 * quantities + pixels * 48)
-        + samples * pixels * hybrid::SAMPLE_BYTES;
+    let needed = 3 * file.max(pixels * 12 * quantities + pixels * 48) + pixels * bytes;
     let gibibytes = |bytes: u64| bytes as f64 / f64::from(1 << 30);
     ensure!(
         file <= Image::MAX_BYTES,
@@ -390,39 +396,15 @@ fn make(
     args: &RenderArgs,
     scene: &Scene,
     ground: &Ground,
-    camera: &Camera,
+    order: Order<'_>,
     voice: Voice,
 ) -> Result<Made> {
-    let settings = Settings {
-        d_max: args.d_max,
-        min_d: args.min_d,
-        materials: match args.materials {
-            MaterialsChoice::Lambert => Materials::Lambert,
-            MaterialsChoice::Pbr => Materials::Pbr,
-        },
-        normals: match args.normals {
-            NormalsChoice::Smooth => Normals::Smooth,
-            NormalsChoice::Flat => Normals::Flat,
-        },
-        samples: args.spp,
-        seed: args.seed,
-        path_bounces: args.path_bounces,
-    };
     let bar = voice.bar();
     let advance = |done: u64, total: u64| {
         bar.set_length(total);
         bar.set_position(bar.position().max(done));
     };
-    let order = Order {
-        camera,
-        size: args.size,
-        quantities: &args.quantity,
-        settings: &settings,
-    };
-    let made = match args.technique {
-        Technique::Reference => ground.render(scene, order, &advance),
-        Technique::Ldi => hybrid::render(&args.hybrid, scene, ground, order, &advance),
-    };
+    let made = args.chosen().render(scene, ground, order, &advance);
     bar.finish_and_clear();
     made
 }

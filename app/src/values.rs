@@ -15,6 +15,15 @@ pub(crate) fn not_negative(text: &str) -> Result<f32, String> {
     })
 }
 
+/// Two sides of a tile, `MxN`, 1 to 8 each.
+pub(crate) fn tile(text: &str) -> Result<[u32; 2], String> {
+    let sides = text.split_once('x').and_then(|(m, n)| {
+        let side = |text: &str| text.parse().ok().filter(|side| (1..=8).contains(side));
+        Some([side(m)?, side(n)?])
+    });
+    sides.ok_or_else(|| "expected two sides of 1 to 8, like 3x3".into())
+}
+
 /// A distance: above 0, perhaps infinite (`inf`).
 pub(crate) fn distance(text: &str) -> Result<f32, String> {
     number(text, "a distance above 0 in metres, or inf", |value| {

@@ -481,6 +481,46 @@ fn wrong_settings_are_refused() {
     }
 }
 
+/// Virtual point lights by any tracer, bounded as the reference is; flags of other techniques are refused.
+#[test]
+fn the_technique_igi_renders() {
+    let place = Place::new();
+    let render = |more: &[&str]| {
+        let common = [
+            "render",
+            "builtin:cornell",
+            "--size=48x36",
+            "--materials=lambert",
+            "--quantity=indirect",
+            "-q",
+        ];
+        place.ok(&[&common[..], more].concat());
+    };
+    render(&[
+        "--technique=igi",
+        "--igi-paths=1024",
+        "--tracer=ldi",
+        "-o",
+        "igi.exr",
+    ]);
+    render(&["--min-d=0.1", "--spp=256", "-o", "reference.exr"]);
+    let report = place.json(&["compare", "igi.exr", "reference.exr", "--json"]);
+    let bias = report["bias"].as_f64().unwrap();
+    assert!(bias.abs() < 0.05, "{report}");
+    for (flags, expected) in [
+        (&["--technique=igi", "--spp=4"][..], "--igi-paths"),
+        (&["--technique=igi", "--quantity=ao"], "but not ao"),
+        (&["--technique=igi", "--igi-interleaving=9x1"], "3x3"),
+        (&["--igi-paths=4"], "--technique igi"),
+        (&["--technique=ldi", "--igi-paths=4"], "--technique igi"),
+    ] {
+        place.refused(
+            &[&["render", "builtin:cornell", "-o", "out.exr"], flags].concat(),
+            expected,
+        );
+    }
+}
+
 /// A quick render by the technique ldi, with further arguments.
 fn hybrid<'a>(more: &[&'a str]) -> Vec<&'a str> {
     let quick = [

@@ -12,12 +12,11 @@ mod specular;
 use std::{
     f32::consts::PI,
     sync::atomic::{AtomicU64, Ordering},
-    time::Instant,
 };
 
 use glam::Vec3;
 use isophote_scene::{
-    Answers, Camera, DirectLight, Image, Scene, Tracer,
+    Answers, Camera, DirectLight, Image, Pass, Scene, Tracer,
     reference::{Progress, Tracers},
     sample::hash,
 };
@@ -62,22 +61,9 @@ pub struct Stages {
     pub picture: Vec<Vec3>,
     /// The virtual point lights.
     pub vpls: Vec<Vpl>,
-    /// What each stage took: `vpls`, `camera`, `direct`, `indirect`, `filter`.
+    /// What each stage took: `vpls`, `camera`, `direct`, `indirect`, `filter`. The shadow rays of `direct` go to virtual
+    /// point lights, from what mirrors and glass show: the paper's hidden cost.
     pub passes: Vec<Pass>,
-    /// Rays towards virtual point lights from what mirrors and glass show, which are part of `direct`: the paper's hidden
-    /// cost.
-    pub hidden_rays: u64,
-}
-
-/// What a stage took.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Pass {
-    /// The stage.
-    pub name: &'static str,
-    /// Its rays.
-    pub rays: u64,
-    /// Of wall time.
-    pub seconds: f64,
 }
 
 impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
@@ -124,10 +110,13 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
         let (scene, exact, params) = (self.scene, self.tracers.exact, &self.params);
         let upsample = Upsample::new(size, params)?;
         let mut passes = Vec::new();
-        let vpls = timed(&mut passes, "vpls", || shoot(scene, exact, params));
-        let seen = timed(&mut passes, "camera", || {
+        let vpls = Pass::timed(&mut passes, "vpls", || {
+            let (vpls, rays) = shoot(scene, exact, params);
+            (vpls, [rays, 0])
+        });
+        let seen = Pass::timed(&mut passes, "camera", || {
             let seen = see(scene, exact, camera, size, params.materials);
-            (seen, pixels)
+            (seen, [pixels, 0])
         });
         let gather = Gather {
             scene,
@@ -142,16 +131,18 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
             done: AtomicU64::new(0),
             total: pixels + (columns * rows) as u64,
         };
-        let lights = timed(&mut passes, "direct", || {
+        let lights = Pass::timed(&mut passes, "direct", || {
             let lights = self.direct_and_specular(&seen, &gather, &meter);
-            let rays = lights.iter().map(|light| light.rays + light.vpl_rays).sum();
-            (lights, rays)
+            let rays = lights.iter().map(|light| light.rays).sum();
+            let hidden = lights.iter().map(|light| light.vpl_rays).sum();
+            (lights, [rays, hidden])
         });
-        let samples = timed(&mut passes, "indirect", || {
-            self.samples(&seen, &gather, &upsample, size, &meter)
+        let samples = Pass::timed(&mut passes, "indirect", || {
+            let (samples, rays) = self.samples(&seen, &gather, &upsample, size, &meter);
+            (samples, [rays, 0])
         });
-        let irradiance = timed(&mut passes, "filter", || {
-            (upsample.apply(&samples, &seen, &camera.pinhole()), 0)
+        let irradiance = Pass::timed(&mut passes, "filter", || {
+            (upsample.apply(&samples, &seen, &camera.pinhole()), [0, 0])
         })?;
         let albedo = |seen: &Option<Seen>| seen.as_ref().map_or(Vec3::ZERO, Seen::albedo);
         let indirect: Vec<Vec3> = seen
@@ -166,7 +157,6 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
                 .collect(),
             direct: lights.iter().map(|light| light.direct).collect(),
             specular: lights.iter().map(|light| light.specular).collect(),
-            hidden_rays: lights.iter().map(|light| light.vpl_rays).sum(),
             irradiance,
             indirect,
             vpls,
@@ -291,21 +281,11 @@ impl Meter<'_> {
     }
 }
 
-fn timed<T>(passes: &mut Vec<Pass>, name: &'static str, stage: impl FnOnce() -> (T, u64)) -> T {
-    let start = Instant::now();
-    let (result, rays) = stage();
-    passes.push(Pass {
-        name,
-        rays,
-        seconds: start.elapsed().as_secs_f64(),
-    });
-    result
-}
-
 impl Stages {
     /// Rays of all kinds.
     pub fn rays(&self) -> u64 {
-        self.passes.iter().map(|pass| pass.rays).sum()
+        let rays = self.passes.iter().map(|pass| pass.rays + pass.shadow_rays);
+        rays.sum()
     }
 
     /// The stages by the names of their layers.

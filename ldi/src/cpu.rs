@@ -24,13 +24,12 @@ pub mod trace;
 use std::{
     f32::consts::PI,
     sync::atomic::{AtomicU64, Ordering},
-    time::Instant,
 };
 
 use glam::Vec3;
 use isophote_filters::Gaussian;
 use isophote_scene::{
-    Answers, Camera, Image, Scene, Tracer,
+    Answers, Camera, Image, Pass, Scene, Tracer,
     reference::{Progress, Tracers},
 };
 
@@ -75,19 +74,6 @@ pub struct Stages {
     pub picture: Vec<Vec3>,
     /// What each stage took: `camera`, `direct`, `diffuse`, `filter`, `glossy`.
     pub passes: Vec<Pass>,
-}
-
-/// What a stage took.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Pass {
-    /// The stage.
-    pub name: &'static str,
-    /// Its rays: the camera's, those towards lights, or secondary ones.
-    pub rays: u64,
-    /// Rays towards lights from what its secondary rays hit.
-    pub shadow_rays: u64,
-    /// Of wall time.
-    pub seconds: f64,
 }
 
 /// Counts finished fragments for whoever watches.
@@ -153,7 +139,7 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'a, E, S> {
         check_size(size, self.params.samples)?;
         let mut passes = Vec::new();
         let (scene, exact, params) = (self.scene, self.tracers.exact, &self.params);
-        let fragments = timed(&mut passes, "camera", || {
+        let fragments = Pass::timed(&mut passes, "camera", || {
             let fragments = Fragments::seen(scene, exact, camera, size, params);
             let rays = fragments.camera_rays();
             (fragments, [rays, 0])
@@ -164,17 +150,17 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'a, E, S> {
             total: 3 * fragments.all.len() as u64,
         };
         let blur = Blur::new(&fragments, camera, size, self.params.edges)?;
-        let direct = timed(&mut passes, "direct", || {
+        let direct = Pass::timed(&mut passes, "direct", || {
             let (lit, rays) = match &self.lights_by_secondary {
                 Some(lights) => lights.direct(&fragments, params, &meter),
                 None => self.lights.direct(&fragments, params, &meter),
             };
             (lit, [rays, 0])
         });
-        let diffuse = timed(&mut passes, "diffuse", || self.diffuse(&fragments, &meter));
-        let glossy = timed(&mut passes, "glossy", || self.glossy(&fragments, &meter));
+        let diffuse = Pass::timed(&mut passes, "diffuse", || self.diffuse(&fragments, &meter));
+        let glossy = Pass::timed(&mut passes, "glossy", || self.glossy(&fragments, &meter));
         let irradiance = fragments.over_pixels(&diffuse);
-        let (direct, filtered) = timed(&mut passes, "filter", || {
+        let (direct, filtered) = Pass::timed(&mut passes, "filter", || {
             let direct = match &self.light_gaussian {
                 Some(gaussian) => blur.lit(gaussian, &fragments, direct),
                 None => Ok(direct),
@@ -212,23 +198,6 @@ pub(crate) fn check_size([width, height]: [u32; 2], samples: u32) -> Result<()> 
         value: format!("{width}x{height}"),
         expected: "it must have 1 to 33554432 samples",
     })
-}
-
-/// Notes what a stage took; it tells its rays and its shadow rays beside its result.
-fn timed<T>(
-    passes: &mut Vec<Pass>,
-    name: &'static str,
-    stage: impl FnOnce() -> (T, [u64; 2]),
-) -> T {
-    let start = Instant::now();
-    let (result, [rays, shadow_rays]) = stage();
-    passes.push(Pass {
-        name,
-        rays,
-        shadow_rays,
-        seconds: start.elapsed().as_secs_f64(),
-    });
-    result
 }
 
 impl Stages {

@@ -53,7 +53,7 @@ pub mod gpu;
 mod params;
 
 pub use self::{
-    cpu::{Hybrid, Pass, Stages, trace::LdiTracer},
+    cpu::{Hybrid, Stages, trace::LdiTracer},
     directions::Directions,
     error::{Error, Result},
     params::{Coverage, HybridParams, LdiParams, Shadows},

@@ -25,6 +25,7 @@ mod load;
 mod material;
 mod mesh;
 mod output;
+mod pass;
 mod receivers;
 pub mod reference;
 pub mod sample;
@@ -50,6 +51,7 @@ pub use self::{
     material::{Alpha, Material, TextureRef},
     mesh::{Aabb, Mesh},
     output::{check_writable, write_atomically},
+    pass::Pass,
     receivers::{Receiver, Receivers},
     scene::{Dropped, Instance, InstanceMask, LoadReport, Scene, area, unit_normal},
     surface::{SurfaceMaterial, SurfacePoint, facing},

@@ -134,7 +134,7 @@ const CONVERGED: Technique = Technique {
 };
 
 /// Every technique there is.
-const TECHNIQUES: [Technique; 2] = [
+const TECHNIQUES: [Technique; 3] = [
     Technique {
         title: "Reference, 4 samples",
         id: "reference-4",
@@ -145,6 +145,12 @@ const TECHNIQUES: [Technique; 2] = [
         title: "Layered depth images, 8 rays, filtered",
         id: "ldi",
         arguments: &["--technique", "ldi"],
+        quantities: &["indirect"],
+    },
+    Technique {
+        title: "Virtual point lights, 720 paths",
+        id: "igi",
+        arguments: &["--technique", "igi", "--igi-paths", "720"],
         quantities: &["indirect"],
     },
 ];

@@ -1,10 +1,10 @@
 //! The stages' textures brought back.
 
 use glam::{Vec3, Vec4};
-use isophote_scene::{Error, gpu::Context};
+use isophote_scene::{Error, Pass, gpu::Context};
 
 use super::Hybrid;
-use crate::{Pass, Result, Stages};
+use crate::{Result, Stages};
 
 impl Hybrid {
     /// The stages' results, once what [`record`](Self::record) has recorded was submitted. Of what they took only rays are

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
 use isophote_ldi::{Hybrid, HybridParams, Shadows, Stages};
@@ -17,32 +17,35 @@ use isophote_scene::gpu::{
     reference::{Integrator, World},
 };
 
+use super::Technique;
 #[cfg(feature = "gpu")]
 use crate::gpu::Gpu;
 use crate::{
+    applies::Idle,
     reference::{Ground, Made, Order},
+    tracers::AnyTracer,
     values,
 };
 
 /// Quantities that it knows. `path` is direct light and one bounce.
 const QUANTITIES: [Quantity; 3] = [Quantity::Direct, Quantity::Indirect, Quantity::Path];
 /// Surfaces that its light paths meet.
-pub(crate) const BOUNCES: u32 = 2;
+const BOUNCES: u32 = 2;
 /// Layers of the picture beside the quantities.
-pub(crate) const STAGES: u64 = 5;
+const STAGES: u64 = 5;
 /// Most passes that are timed.
 #[cfg(feature = "gpu")]
 const PASSES: u32 = 8;
 /// What a sample takes while it is worked on, bytes.
-pub(crate) const SAMPLE_BYTES: u64 = 512;
+const SAMPLE_BYTES: u64 = 512;
 
 /// How the technique `ldi` makes pictures; the defaults are the paper's.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "The technique ldi")]
-pub(crate) struct HybridArgs {
+pub(crate) struct LdiTechnique {
     /// Samples a pixel, 1 or 4; what meets the same triangle is shaded once
     #[arg(long, value_name = "1|4", default_value_t = 1, value_parser = values::one_or_four)]
-    pub(crate) ldi_samples: u32,
+    ldi_samples: u32,
     /// Diffuse rays a pixel
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     ldi_diffuse_rays: u32,
@@ -88,7 +91,7 @@ enum Stops {
     Nowhere,
 }
 
-impl HybridArgs {
+impl LdiTechnique {
     fn params(&self, order: &Order<'_>) -> HybridParams {
         let default = HybridParams::default();
         HybridParams {
@@ -114,48 +117,61 @@ impl HybridArgs {
     }
 }
 
-/// Refuses what the technique does not know.
-pub(crate) fn check(quantities: &[Quantity]) -> Result<()> {
-    for quantity in quantities {
-        if !QUANTITIES.contains(quantity) {
-            bail!(
-                "the technique ldi knows direct, indirect and path (both together), but not {quantity}: leave out \
-                 --quantity, or --technique"
-            );
-        }
+impl Technique for LdiTechnique {
+    fn quantities(&self) -> &'static [Quantity] {
+        &QUANTITIES
     }
-    Ok(())
-}
 
-/// Renders a scene, which must be that of the tracer.
-pub(crate) fn render(
-    args: &HybridArgs,
-    scene: &Scene,
-    ground: &Ground,
-    order: Order<'_>,
-    progress: &dyn Progress,
-) -> Result<Made> {
-    #[cfg(feature = "gpu")]
-    if let Some((gpu, exact)) = ground.on_gpu() {
-        return on_gpu(args, scene, gpu, exact, order, progress);
+    fn idle(&self) -> Vec<Idle> {
+        let of_reference = ["d_max", "min_d", "normals", "path_bounces"];
+        let mut idle: Vec<Idle> =
+            Idle::all(of_reference, "the technique ldi does not know it").collect();
+        let why = "the technique ldi counts rays: --ldi-diffuse-rays, --ldi-glossy-rays, --ldi-light-rays";
+        idle.extend(Idle::all(["spp"], why));
+        idle
     }
-    let tracers = ground.on_cpu().context("there is no tracer")?;
-    let hybrid = Hybrid::new(scene, tracers, &args.params(&order))?;
-    let stages = hybrid.render(order.camera, order.size, progress)?;
-    let layers = Layers::of(
-        scene,
-        tracers.exact,
-        order.camera,
-        order.size,
-        Normals::Smooth,
-    );
-    Ok(made(stages, layers, &order, BTreeMap::new()))
+
+    fn tracer(&self) -> Option<AnyTracer> {
+        Some(AnyTracer::Ldi)
+    }
+
+    fn header(&self, _: &Order<'_>) -> Vec<(&'static str, String)> {
+        vec![("path-bounces", BOUNCES.to_string())]
+    }
+
+    fn costs(&self) -> [u64; 2] {
+        [STAGES, u64::from(self.ldi_samples) * SAMPLE_BYTES]
+    }
+
+    fn render(
+        &self,
+        scene: &Scene,
+        ground: &Ground,
+        order: Order<'_>,
+        progress: &dyn Progress,
+    ) -> Result<Made> {
+        #[cfg(feature = "gpu")]
+        if let Some((gpu, exact)) = ground.on_gpu() {
+            return on_gpu(self, scene, gpu, exact, order, progress);
+        }
+        let tracers = ground.on_cpu().context("there is no tracer")?;
+        let hybrid = Hybrid::new(scene, tracers, &self.params(&order))?;
+        let stages = hybrid.render(order.camera, order.size, progress)?;
+        let layers = Layers::of(
+            scene,
+            tracers.exact,
+            order.camera,
+            order.size,
+            Normals::Smooth,
+        );
+        Ok(made(stages, layers, &order, BTreeMap::new()))
+    }
 }
 
 /// In one submission.
 #[cfg(feature = "gpu")]
 fn on_gpu(
-    args: &HybridArgs,
+    args: &LdiTechnique,
     scene: &Scene,
     gpu: &Gpu,
     exact: &dyn GpuTracer,

@@ -1,0 +1,125 @@
+//! The techniques that can be chosen on the command line: each says what it knows, and makes pictures.
+
+mod igi;
+mod ldi;
+mod reference;
+
+use anyhow::{Result, bail};
+use clap::{Args, ValueEnum};
+use isophote_scene::{
+    Scene,
+    reference::{Progress, Quantity},
+};
+
+use crate::{
+    applies::{Idle, ids},
+    reference::{Ground, Made, Order},
+    tracers::AnyTracer,
+};
+
+/// How light is calculated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TechniqueChoice {
+    /// Path tracing: the right answer, given enough samples
+    Reference,
+    /// Layered depth images: direct light and one bounce of few diffuse and glossy rays a pixel, filtered; by the tracer
+    /// ldi unless another is given
+    Ldi,
+    /// Instant global illumination: the light that bounced as that of virtual point lights, one shadow ray each
+    Igi,
+}
+
+/// What can be chosen of the techniques.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct TechniqueArgs {
+    #[command(flatten)]
+    ldi: ldi::LdiTechnique,
+    #[command(flatten)]
+    igi: igi::IgiTechnique,
+}
+
+/// A way to make pictures.
+pub(crate) trait Technique {
+    /// The quantities it knows; all where there are none.
+    fn quantities(&self) -> &'static [Quantity] {
+        &[]
+    }
+
+    /// Flags that it does not know, and why.
+    fn idle(&self) -> Vec<Idle>;
+
+    /// Its tracer unless another is given.
+    fn tracer(&self) -> Option<AnyTracer> {
+        None
+    }
+
+    /// Settings that stand in headers as they are here, whatever the command line says.
+    fn header(&self, order: &Order<'_>) -> Vec<(&'static str, String)> {
+        let _ = order;
+        Vec::new()
+    }
+
+    /// Layers of a picture beside the quantities, and bytes for each pixel while it is made.
+    fn costs(&self) -> [u64; 2] {
+        [0, 0]
+    }
+
+    /// Renders a scene, which must be that of the tracer.
+    fn render(
+        &self,
+        scene: &Scene,
+        ground: &Ground,
+        order: Order<'_>,
+        progress: &dyn Progress,
+    ) -> Result<Made>;
+}
+
+impl TechniqueArgs {
+    /// The technique of a choice.
+    pub(crate) fn chosen(&self, choice: TechniqueChoice) -> &dyn Technique {
+        match choice {
+            TechniqueChoice::Reference => &reference::Reference,
+            TechniqueChoice::Ldi => &self.ldi,
+            TechniqueChoice::Igi => &self.igi,
+        }
+    }
+
+    /// Flags without effect with a technique: those of the others, and those it does not know.
+    pub(crate) fn idle(&self, choice: TechniqueChoice) -> Vec<Idle> {
+        let mut idle = self.chosen(choice).idle();
+        let groups = [
+            (TechniqueChoice::Ldi, ids::<ldi::LdiTechnique>()),
+            (TechniqueChoice::Igi, ids::<igi::IgiTechnique>()),
+        ];
+        for (of, flags) in groups {
+            if of != choice {
+                let why = format!("it is for --technique {}", of.name());
+                idle.extend(Idle::all(flags, &why));
+            }
+        }
+        idle
+    }
+}
+
+impl TechniqueChoice {
+    pub(crate) fn name(self) -> String {
+        self.to_possible_value()
+            .map_or_else(String::new, |value| value.get_name().to_owned())
+    }
+
+    /// Refuses quantities that a technique does not know.
+    pub(crate) fn check(self, technique: &dyn Technique, quantities: &[Quantity]) -> Result<()> {
+        let known = technique.quantities();
+        for quantity in quantities {
+            if !known.is_empty() && !known.contains(quantity) {
+                let known: Vec<&str> = known.iter().map(|known| known.name()).collect();
+                bail!(
+                    "the technique {} knows {}, but not {quantity}: leave out --quantity, or --technique",
+                    self.name(),
+                    known.join(", ")
+                );
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,188 @@
+//! The technique `igi`: virtual point lights by `isophote-instant-gi`, seen by a tracer from the command line.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Context, Result};
+use clap::{Args, ValueEnum};
+use glam::Vec3;
+use isophote_instant_gi::{Filter, GiParams, InstantGi, Pattern, Stages};
+use isophote_scene::{
+    Scene,
+    reference::{Estimate, Layers, Normals, Progress, Quantity, Render},
+};
+
+use super::Technique;
+use crate::{
+    applies::Idle,
+    reference::{Ground, Made, Order},
+    values,
+};
+
+/// The bounding distance unless --min-d is given, metres.
+const MIN_D: f32 = 0.1;
+
+/// How the technique `igi` makes pictures.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "The technique igi")]
+pub(crate) struct IgiTechnique {
+    /// Light paths that are shot
+    #[arg(long, value_name = "N", default_value_t = 180, value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
+    igi_paths: u32,
+    /// Surfaces that a light path meets; a virtual point light at each
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
+    igi_bounces: u32,
+    /// Rays a point by which the light that --min-d leaves out is found again
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1024))]
+    igi_compensation: u32,
+    /// Mirrors and panes of glass that are looked through
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(0..=16))]
+    igi_depth: u32,
+    /// Samples a pixel of lights with an extent
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    igi_light_rays: u32,
+    /// Rays a pixel into the highlights of rough metal
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    igi_glossy_rays: u32,
+    /// Indirect light at every s-th pixel in both directions
+    #[arg(long, value_name = "S", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
+    igi_downsampling: u32,
+    /// The lights divided among tiles of samples, each side 1 to 8
+    #[arg(long, value_name = "MxN", default_value = "1x1", value_parser = values::tile)]
+    igi_interleaving: Tile,
+    /// Which sample of a tile has which part of the lights
+    #[arg(long, value_enum, value_name = "PATTERN", default_value = "regular")]
+    igi_pattern: PatternChoice,
+    /// How samples become a picture
+    #[arg(long, value_enum, value_name = "FILTER", default_value = "edges")]
+    igi_filter: FilterChoice,
+}
+
+// clap takes a bare array for a list of values.
+type Tile = [u32; 2];
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum PatternChoice {
+    /// The same in every tile
+    Regular,
+    /// Shuffled in every tile
+    Irregular,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum FilterChoice {
+    /// The discontinuity buffer and then upsampling by normals
+    Paper,
+    /// Both at once, by normals and depths
+    Edges,
+}
+
+impl IgiTechnique {
+    fn params(&self, order: &Order<'_>) -> GiParams {
+        GiParams {
+            paths: self.igi_paths,
+            bounces: self.igi_bounces,
+            min_d: order.min_d.unwrap_or(MIN_D),
+            compensation: self.igi_compensation,
+            depth: self.igi_depth,
+            light_rays: self.igi_light_rays,
+            glossy_rays: self.igi_glossy_rays,
+            downsampling: self.igi_downsampling,
+            interleaving: self.igi_interleaving,
+            pattern: match self.igi_pattern {
+                PatternChoice::Regular => Pattern::Regular,
+                PatternChoice::Irregular => Pattern::Irregular,
+            },
+            filter: match self.igi_filter {
+                FilterChoice::Paper => Filter::Paper,
+                FilterChoice::Edges => Filter::Edges,
+            },
+            materials: order.settings.materials,
+            seed: order.settings.seed,
+        }
+    }
+}
+
+impl Technique for IgiTechnique {
+    fn quantities(&self) -> &'static [Quantity] {
+        // `path` is direct light, what mirrors and glass show, and the light of the virtual lights.
+        &[
+            Quantity::Direct,
+            Quantity::Indirect,
+            Quantity::Path,
+            Quantity::IrradianceIndirect,
+        ]
+    }
+
+    fn idle(&self) -> Vec<Idle> {
+        let mut idle: Vec<Idle> = Idle::all(
+            ["d_max", "normals", "path_bounces"],
+            "the technique igi does not know it",
+        )
+        .collect();
+        let why = "the technique igi counts light paths: --igi-paths";
+        idle.extend(Idle::all(["spp"], why));
+        idle
+    }
+
+    fn header(&self, order: &Order<'_>) -> Vec<(&'static str, String)> {
+        vec![
+            ("min-d", order.min_d.unwrap_or(MIN_D).to_string()),
+            ("path-bounces", (self.igi_bounces + 1).to_string()),
+        ]
+    }
+
+    fn costs(&self) -> [u64; 2] {
+        [4, 512]
+    }
+
+    fn render(
+        &self,
+        scene: &Scene,
+        ground: &Ground,
+        order: Order<'_>,
+        progress: &dyn Progress,
+    ) -> Result<Made> {
+        let tracers = ground.on_cpu().context(
+            "the technique igi runs on the CPU so far: leave out --device gpu and --adapter",
+        )?;
+        let gi = InstantGi::new(scene, tracers, &self.params(&order))?;
+        let stages = gi.render(order.camera, order.size, progress)?;
+        let layers = Layers::of(
+            scene,
+            tracers.exact,
+            order.camera,
+            order.size,
+            Normals::Smooth,
+        );
+        let estimate = |&quantity| Estimate {
+            quantity,
+            values: values(&stages, quantity),
+            // There are no two halves.
+            noise: f32::NAN,
+        };
+        let render = Render {
+            size: order.size,
+            estimates: order.quantities.iter().map(estimate).collect(),
+            layers,
+            rays: stages.rays(),
+        };
+        let layers = stages
+            .layers()
+            .map(|(name, values)| (name, values.to_vec()));
+        Ok(Made {
+            render,
+            stages: layers.into(),
+            passes: stages.passes,
+            gpu_seconds: BTreeMap::new(),
+        })
+    }
+}
+
+fn values(stages: &Stages, quantity: Quantity) -> Vec<Vec3> {
+    match quantity {
+        Quantity::Direct => stages.direct.clone(),
+        Quantity::Indirect => stages.indirect.clone(),
+        Quantity::IrradianceIndirect => stages.irradiance.clone(),
+        _ => stages.picture.clone(),
+    }
+}
