@@ -12,7 +12,7 @@
 use std::{path::Path, sync::Arc, time::Instant};
 
 use glam::Vec3;
-use isophote_ldi::{Coverage, Directions, LdiParams, LdiTracer, cpu::maps::Maps};
+use isophote_ldi::{Coverage, Directions, LdiParams, LdiTracer, cpu::build::pairs};
 use isophote_scene::{
     Aabb, BuildTracer, BvhOptions, BvhTracer, Confident, Hit, Ray, Scene, Selection, Tracer,
     WithFallback, builtin, load,
@@ -166,6 +166,14 @@ impl<'a> Bench<'a> {
         }
     }
 
+    /// Bytes as the paper would hold maps of the same answers (§3.1): a depth and a triangle of four bytes each for every
+    /// triangle in a pixel, four bytes a pixel, and a map for each of two opposite directions.
+    fn unshared_bytes(&self, tracer: &LdiTracer) -> u64 {
+        let transforms = self.scene.transforms();
+        let pairs = pairs(&self.scene, &transforms, &self.selection, tracer.params());
+        2 * (8 * pairs.expect("maps") + 4 * tracer.maps().pixels.len() as u64)
+    }
+
     fn measure(&self, tracer: &LdiTracer, build_seconds: f64) -> Value {
         let (params, maps) = (tracer.params(), tracer.maps());
         let (hits, rates) = rates(tracer, &self.rays);
@@ -183,7 +191,7 @@ impl<'a> Bench<'a> {
             "map_bytes": maps.map_bytes(),
             "layer_count": layers,
             "bytes_per_layer": maps.map_bytes() as f64 / layers as f64,
-            "unshared_bytes": unshared_bytes(maps),
+            "unshared_bytes": self.unshared_bytes(tracer),
             "rays": self.rays.len(),
             "closest_mrays": rates[0],
             "any_mrays": rates[1],
@@ -318,12 +326,6 @@ fn rates(tracer: &dyn Tracer, rays: &[Ray]) -> (Vec<Option<Hit>>, [f64; 2]) {
         best[1] = best[1].min(start.elapsed().as_secs_f64());
     }
     (hits, best.map(|seconds| rays.len() as f64 / seconds / 1e6))
-}
-
-/// Bytes as the paper would hold these layers (§3.1): a depth and a triangle of four bytes each, four bytes a pixel,
-/// and a map for each of two opposite directions.
-fn unshared_bytes(maps: &Maps) -> usize {
-    2 * (8 * maps.layers.count() + 4 * maps.pixels.len())
 }
 
 /// How many pixels of its map a ray visits on average, up to its hit or the map's end.

@@ -42,6 +42,31 @@ pub fn build(
     Plan::new(scene, transforms, selection, params)?.draw_all()
 }
 
+/// How many pairs of a triangle and a pixel the maps of a scene have: the layers that there would be if every triangle had
+/// its own. For [`Coverage::Center`] these are the layers there are.
+///
+/// # Errors
+/// As [`build`], but for the memory it would take.
+pub fn pairs(
+    scene: &Scene,
+    transforms: &[Affine3A],
+    selection: &Selection,
+    params: &LdiParams,
+) -> Result<u64> {
+    let plan = Plan::new(scene, transforms, selection, params)?;
+    let raster = Raster::new(plan.resolution, u64::STEPS, params.coverage);
+    let frames = plan.frames(u64::STEPS);
+    let of_map = |(map, frame): (usize, &Frame)| {
+        let mut count = 0;
+        for index in 0..plan.blocks.len() {
+            let depth = plan.directions.axis(map);
+            plan.draw_block(&raster, frame, depth, index, &mut |_| count += 1);
+        }
+        count
+    };
+    Ok(frames.par_iter().enumerate().map(of_map).sum())
+}
+
 /// The box that the maps cover.
 fn fit(triangles: &[WorldTriangle], selection: &Selection) -> Result<Aabb> {
     let corners = triangles.iter().flat_map(|triangle| triangle.corners);
@@ -288,26 +313,39 @@ impl<'a> Plan<'a> {
         let raster = Raster::new(self.resolution, L::STEPS, self.params.coverage);
         let mut fragments = Vec::new();
         let mut taken = 0;
-        for (index, block) in self.blocks.iter().enumerate() {
-            for lane in 0..LANES {
-                let corners = block.corners(lane);
-                if corners[0].x.is_nan() {
-                    break;
-                }
-                let target = match self.params.coverage {
-                    Coverage::Center => index * LANES + lane,
-                    Coverage::Touched => index,
-                };
-                let places = corners.map(|corner| frame.place(depth, corner));
-                raster.draw(places, target as u32, &mut |fragment| {
-                    fragments.push(fragment);
-                });
-            }
+        for index in 0..self.blocks.len() {
+            self.draw_block(&raster, frame, depth, index, &mut |fragment| {
+                fragments.push(fragment);
+            });
             // A triangle adds at most one fragment per pixel, so this is in time.
             budget.take(fragments.len() - taken)?;
             taken = fragments.len();
         }
         Ok(compact(&fragments, self.resolution))
+    }
+
+    /// The fragments of a block's triangles in a map.
+    fn draw_block(
+        &self,
+        raster: &Raster,
+        frame: &Frame,
+        depth: usize,
+        index: usize,
+        emit: &mut impl FnMut(Fragment),
+    ) {
+        let block = &self.blocks[index];
+        for lane in 0..LANES {
+            let corners = block.corners(lane);
+            if corners[0].x.is_nan() {
+                break;
+            }
+            let target = match self.params.coverage {
+                Coverage::Center => index * LANES + lane,
+                Coverage::Touched => index,
+            };
+            let places = corners.map(|corner| frame.place(depth, corner));
+            raster.draw(places, target as u32, emit);
+        }
     }
 }
 
