@@ -18,7 +18,7 @@ pub struct LdiParams {
     pub resolution: u32,
     /// What a pixel's layers are.
     pub coverage: Coverage,
-    /// How far beside its triangle a layer still stops rays, in pixels: the paper's ε (§3.2). Only for
+    /// How far beside its triangle a layer still stops rays, in pixels of its map: the paper's ε (§3.2). Only for
     /// [`Coverage::Center`]; 0 to 2. More leaks less at edges, and stops more rays that pass them.
     pub epsilon: f32,
     /// The most memory that maps may take, bytes.
@@ -29,7 +29,7 @@ pub struct LdiParams {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Coverage {
     /// The triangles that cover the pixel's centre, as a rasteriser finds them (the paper). A ray stops where it meets
-    /// a layer's plane within the pixel. Memory does not grow with the number of triangles; edges are as fine as the
+    /// a layer's plane within the pixel. Layers do not become more with the number of triangles; edges are as fine as the
     /// pixels.
     Center,
     /// All triangles that touch the pixel, in groups of up to eight; a ray stops where it meets one of them. Every
@@ -123,7 +123,8 @@ pub struct HybridParams {
     pub filter_sigma: f32,
     /// Where the Gaussians stop; with `None` they blur across everything, as the paper's do (§5).
     pub edges: Option<EdgeStop>,
-    /// The mip level at which textures are read where secondary rays hit (§5); each further 1 halves the resolution.
+    /// The mip level at which textures are read where diffuse and glossy rays hit (§5); each further 1 halves the resolution.
+    /// Mirrors and glass show them as they are.
     pub texture_level: f32,
     /// Which part of the materials counts.
     pub materials: Materials,

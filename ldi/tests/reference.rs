@@ -136,6 +136,27 @@ fn the_filter_removes_noise() {
     assert!(after < 0.7 * noisy, "{noisy} {after}");
 }
 
+/// A box of metal alone: what its glossy rays bring is all the light that bounced, as the reference has it.
+#[test]
+fn metal_alone_is_the_references() {
+    let mut cornell = Arc::new(builtin::build("cornell").unwrap());
+    for material in &mut Arc::make_mut(&mut cornell).materials {
+        (material.metallic, material.roughness) = (1.0, 0.3);
+    }
+    let exact = bvh(&cornell);
+    let truth = reference(&cornell, &exact, Quantity::Indirect, Materials::Pbr);
+    let params = HybridParams {
+        glossy_rays: 128,
+        materials: Materials::Pbr,
+        texture_level: 0.0,
+        ..unfiltered(1)
+    };
+    let stages = hybrid(&cornell, &exact, &exact, &params);
+    assert!(stages.diffuse.iter().all(|&light| light == Vec3::ZERO));
+    let bias = mean(&stages.glossy) / mean(&truth) - 1.0;
+    assert!(mean(&truth) > 1e-3 && bias.abs() < 0.04, "{bias}");
+}
+
 /// Metal reflects what the reference's does: its picture of one bounce is the sum of both stages.
 #[test]
 fn glossy_rays_are_the_references() {

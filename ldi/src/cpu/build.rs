@@ -27,8 +27,8 @@ const LAYER_BYTES: u64 = 16;
 
 /// Builds the maps of the selected part of a scene.
 ///
-/// They reach as far as the selection's bounds, or as the geometry where that is smaller; what lies outside is not
-/// seen by any ray.
+/// They reach as far as the selection's bounds, or as the geometry where that is smaller; a triangle that reaches out of
+/// them may be met there or not.
 ///
 /// # Errors
 /// [`Error::Parameter`] for parameters out of their range, [`Error::TooLarge`] when the maps would take too much
@@ -240,7 +240,12 @@ impl<'a> Plan<'a> {
     /// How many layers fit into the memory that is allowed.
     pub(crate) fn most_layers(&self) -> u64 {
         let pixels = size_of::<Pixel>() as u64 * self.params.pixels();
-        let fixed = pixels + size_of_val(&self.blocks[..]) as u64;
+        let planes = match self.params.coverage {
+            Coverage::Center => LANES * size_of::<[f32; 4]>() * self.blocks.len(),
+            Coverage::Touched => 0,
+        };
+        let triangles = size_of_val(&self.blocks[..]) + size_of_val(&self.surfaces[..]) + planes;
+        let fixed = pixels + triangles as u64;
         let rest = self.params.max_bytes.saturating_sub(fixed);
         // Offsets have 32 bits.
         (rest / LAYER_BYTES).min(u64::from(u32::MAX))

@@ -198,11 +198,8 @@ impl Header {
                 _ => return Err(damaged(path, "its header names no known kind of layers")),
             },
             epsilon: self.epsilon,
-            ..LdiParams::default()
-        };
-        let params = LdiParams {
+            // What is in a file may be as large as it is.
             max_bytes: u64::MAX,
-            ..params
         };
         if params.check().is_err() || ![4, 8].contains(&self.layer_bytes) {
             return Err(damaged(
@@ -210,7 +207,11 @@ impl Header {
                 "its header holds parameters out of their range",
             ));
         }
-        Ok(params)
+        // Maps that are built anew are held to the usual limit.
+        Ok(LdiParams {
+            max_bytes: LdiParams::default().max_bytes.max(16 * params.pixels()),
+            ..params
+        })
     }
 
     /// Frames, pixels, layers, blocks, surfaces and planes.

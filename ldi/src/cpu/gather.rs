@@ -2,7 +2,7 @@
 //!
 //! The rays of many pixels are traced together, so that a tracer can sort them by direction. The surface a ray hits is
 //! lit by the lights alone (a single bounce); where it is diffuse its texture is read at a coarse level, since a
-//! secondary ray stands for a wide cone (§5).
+//! diffuse or glossy ray stands for a wide cone (§5); a mirror's does not.
 
 use std::f32::consts::PI;
 
@@ -35,6 +35,7 @@ struct Secondary {
     fragment: usize,
     /// Of the samples of its fragment.
     number: u32,
+    level: f32,
 }
 
 /// A ray that a fragment asks for.
@@ -43,6 +44,9 @@ struct Wanted {
     weight: Vec3,
     /// Of the samples of the fragment.
     number: u32,
+    /// The mip level of textures where it hits: a diffuse or glossy ray stands for a wide cone (§5), one by a mirror or
+    /// through glass for itself.
+    level: f32,
 }
 
 /// Light at every fragment; rays, and the shadow rays of what they hit.
@@ -69,6 +73,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
                         direction: direction.normalize(),
                         weight: Vec3::splat(PI / count as f32),
                         number,
+                        level: self.params.texture_level,
                     });
                 }
             },
@@ -97,12 +102,20 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
                     transmission: 1.0,
                     ..*material
                 };
-                let lobes = [
-                    (metal, material.metallic, if mirror { 1 } else { most }),
-                    (dielectric, glass, most),
-                ];
+                let level = self.params.texture_level;
+                let lobes = if mirror {
+                    [
+                        (metal, material.metallic, 1, 0.0),
+                        (dielectric, glass, most, 0.0),
+                    ]
+                } else {
+                    [
+                        (metal, material.metallic, most, level),
+                        (dielectric, glass, most, 0.0),
+                    ]
+                };
                 let outside = fragment.point.shading_normal.dot(fragment.view) >= 0.0;
-                for (lobe, (material, share, count)) in lobes.into_iter().enumerate() {
+                for (lobe, (material, share, count, level)) in lobes.into_iter().enumerate() {
                     if share == 0.0 {
                         continue;
                     }
@@ -117,6 +130,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
                                 direction: sample.light,
                                 weight: sample.weight * (share / count as f32),
                                 number,
+                                level,
                             });
                         }
                     }
@@ -151,7 +165,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
                 if let Some(hit) = hit {
                     let stream = stream(&fragments[one.fragment]);
                     let sampler = Sampler::new(self.params.seed ^ 1, stream, one.number);
-                    let (found, rays) = self.leaving(hit, one.ray.direction, sharp, &sampler);
+                    let (found, rays) = self.leaving(hit, one, sharp, &sampler);
                     light[one.fragment] += one.weight * found;
                     shadow_rays += rays;
                 }
@@ -171,6 +185,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
             direction,
             weight,
             number,
+            level,
         } = wanted;
         let point = &fragment.point;
         let side = facing(point.geometric_normal, fragment.view);
@@ -184,6 +199,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
             start: point.surface,
             fragment: index,
             number,
+            level,
         })
     }
 
@@ -205,18 +221,18 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
     /// Radiance that leaves a hit towards where the ray came from, by light straight from the lights; and the rays
     /// that took. Only `sharp` rays see metal and glass as such: of the highlights on them a few diffuse rays would find
     /// one now and then and make a spot of it, so for those all surfaces are diffuse.
-    fn leaving(&self, hit: &Hit, direction: Vec3, sharp: bool, sampler: &Sampler) -> (Vec3, u64) {
+    fn leaving(&self, hit: &Hit, by: &Secondary, sharp: bool, sampler: &Sampler) -> (Vec3, u64) {
+        let view = -by.ray.direction;
         let point = self.scene.surface_point(hit);
-        let level = self.params.texture_level;
-        let material = self.scene.surface_material_at(&point, level);
+        let material = self.scene.surface_material_at(&point, by.level);
         if material.unlit {
             return (Vec3::ZERO, 0);
         }
         let sharp = sharp && self.params.materials == Materials::Pbr;
         if sharp && (material.metallic > 0.0 || material.transmission > 0.0) {
-            return self.lights.radiance(&point, -direction, sampler);
+            return self.lights.radiance(&point, view, sampler);
         }
-        let (irradiance, rays) = self.lights.irradiance(&point, -direction, sampler);
+        let (irradiance, rays) = self.lights.irradiance(&point, view, sampler);
         (irradiance * material.base_color / PI, rays)
     }
 }

@@ -54,6 +54,12 @@ impl Frame {
         (self.shear(depth, point) - wide(self.low)) * wide(self.scale)
     }
 
+    /// The larger side of a pixel, metres.
+    #[inline(always)]
+    pub(crate) fn footprint(&self) -> f32 {
+        (1.0 / self.scale[0]).max(1.0 / self.scale[1])
+    }
+
     /// The change of place along a direction.
     #[inline(always)]
     pub(crate) fn turn(&self, depth: usize, direction: Vec3) -> DVec3 {
@@ -285,15 +291,4 @@ impl Maps {
     pub fn map_bytes(&self) -> usize {
         size_of_val(&self.frames[..]) + size_of_val(&self.pixels[..]) + self.layers.bytes()
     }
-
-    /// The largest extent of a pixel across its direction, metres.
-    pub fn footprint(&self) -> f32 {
-        footprint(&self.frames)
-    }
-}
-
-/// [`Maps::footprint`] of some frames.
-pub(crate) fn footprint(frames: &[Frame]) -> f32 {
-    let largest = |frame: &Frame| (1.0 / frame.scale[0]).max(1.0 / frame.scale[1]);
-    frames.iter().map(largest).fold(0.0, f32::max)
 }

@@ -51,7 +51,6 @@ pub struct LdiTracer {
     params: LdiParams,
     directions: Directions,
     maps: Maps,
-    footprint: f32,
     depth_steps: u32,
     #[cfg(target_arch = "x86_64")]
     avx2: Option<kernel::Avx2>,
@@ -70,7 +69,6 @@ impl LdiTracer {
             transforms: scene.transforms(),
             params: *params,
             directions: Directions::new(params.cells),
-            footprint: maps.footprint(),
             depth_steps: maps.layers.depth_steps(),
             maps,
             #[cfg(target_arch = "x86_64")]
@@ -98,16 +96,19 @@ impl LdiTracer {
         } else {
             found.passed
         };
-        let map = self
-            .directions
-            .direction(self.directions.nearest(ray.direction));
-        let cosine = (map.dot(ray.direction) / ray.direction.length()).abs();
+        if !ray.is_valid() {
+            return 1.0;
+        }
+        let map = self.directions.nearest(ray.direction);
+        let footprint = self.maps.frames[map].footprint();
+        let cosine =
+            (self.directions.direction(map).dot(ray.direction) / ray.direction.length()).abs();
         let tangent = (1.0 - cosine * cosine).max(0.0).sqrt() / cosine;
         let distance = match found.hit() {
             Some(hit) => hit.t * ray.direction.length(),
-            None => self.footprint,
+            None => footprint,
         };
-        let off = self.footprint * (tangent + BESIDE * (found.beside + found.passed) + doubt);
+        let off = footprint * (tangent + BESIDE * (found.beside + found.passed) + doubt);
         distance / (distance + off)
     }
 
@@ -207,7 +208,8 @@ impl LdiTracer {
             }
             Coverage::Center => {
                 let epsilon = self.params.epsilon;
-                let planes = Planes::new(&question, path, epsilon, self.footprint);
+                let footprint = self.maps.frames[*map].footprint();
+                let planes = Planes::new(&question, path, epsilon, footprint);
                 walk.run::<ANY, _>(planes, &mut found);
             }
         }
@@ -378,6 +380,15 @@ impl Confident for LdiTracer {
         let found = self.trace::<false>(ray, start);
         (found.hit(), self.confidence(ray, &found))
     }
+
+    fn closest_all_with_confidence(&self, rays: &[Ray], answers: &mut [(Option<Hit>, f32)]) {
+        assert_eq!(rays.len(), answers.len(), "one answer per ray");
+        let mut all = vec![Found::nothing(0.0); rays.len()];
+        self.trace_all::<false, _>(rays, &mut all, |found| *found);
+        for ((ray, found), answer) in rays.iter().zip(&all).zip(answers) {
+            *answer = (found.hit(), self.confidence(ray, found));
+        }
+    }
 }
 
 impl BuildTracer for LdiTracer {
@@ -392,7 +403,6 @@ impl BuildTracer for LdiTracer {
     fn update(&mut self, transforms: &[Affine3A]) -> Result<()> {
         self.maps = build(&self.scene, transforms, &self.selection, &self.params)?;
         self.transforms = transforms.to_vec();
-        self.footprint = self.maps.footprint();
         self.depth_steps = self.maps.layers.depth_steps();
         Ok(())
     }

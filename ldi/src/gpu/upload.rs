@@ -2,7 +2,7 @@
 
 use crate::{
     Coverage, LdiParams,
-    cpu::maps::{Block, BlockSurfaces, Frame, LANES, Layer, Layers, Maps, footprint},
+    cpu::maps::{Block, BlockSurfaces, Frame, LANES, Layer, Layers, Maps},
 };
 
 pub(super) type Words = [u32; 4];
@@ -49,7 +49,7 @@ impl Head<'_> {
                 if self.wide { u64::STEPS } else { u32::STEPS },
                 flags,
                 self.params.epsilon.to_bits(),
-                footprint(self.frames).to_bits(),
+                0,
             ],
         ];
         words.extend(self.frame_words());

@@ -179,19 +179,24 @@ impl Meet for Planes<'_> {
         let (block, lane) = (target as usize / LANES, target as usize % LANES);
         let [a, b, c] = self.question.maps.blocks[block].corners(lane);
         let (e1, e2) = (b - a, c - a);
-        let normal = e1.cross(e2);
-        let point = ray.at(t) - a;
+        // Of a size at which no square vanishes or overflows.
+        let scale = 1.0 / e1.abs().max(e2.abs()).max_element();
+        let (s1, s2, point) = (scale * e1, scale * e2, scale * (ray.at(t) - a));
+        let normal = s1.cross(s2);
         let squared = normal.length_squared();
-        let v = point.cross(e2).dot(normal) / squared;
-        let w = e1.cross(point).dot(normal) / squared;
-        let uv = clamp(Vec2::new(v, w), e1, e2);
+        let v = point.cross(s2).dot(normal) / squared;
+        let w = s1.cross(point).dot(normal) / squared;
+        let uv = clamp(Vec2::new(v, w), s1, s2);
         let moved = (e1 * (uv.x - v) + e2 * (uv.y - w)).length();
+        // So that NaN is no hit.
+        let is_near = moved <= self.epsilon;
         // The planes of a ray's own surroundings reach beyond their triangles, and over its start.
-        if OWN * moved > t * ray.direction.length() {
-            return false;
-        }
-        if moved > self.epsilon {
-            found.passed = 1.0;
+        let is_ahead = OWN * moved <= t * ray.direction.length();
+        if !(is_near && is_ahead) {
+            // One of both may have been wrong.
+            if is_near || is_ahead {
+                found.passed = 1.0;
+            }
             return false;
         }
         if !self.question.offer(block, lane, t, uv, found) {
