@@ -21,7 +21,7 @@ use crate::{
     reference::{Ground, Made, Order},
     scene_args::{SceneArgs, choose_camera, note_moving, require_geometry, require_light},
     technique::{Technique, TechniqueArgs, TechniqueChoice},
-    tracers::{AnyTracer, Device, Plan, TracerArgs, choose},
+    tracers::{AnyTracer, Choice, Device, Plan, TracerArgs, choose},
     values,
 };
 
@@ -239,6 +239,11 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
     check_settings(args)?;
     check_memory(args)?;
     let choice = choose(args.device, args.tracer(), args.adapter.as_deref())?;
+    ensure!(
+        args.chosen().runs_on_gpu() || matches!(choice, Choice::Cpu(_)),
+        "the technique {} runs on the CPU so far: leave out --device gpu and --adapter, and choose a tracer there",
+        args.technique.name()
+    );
     args.tracer_args.check(choice)?;
     settings.insert("tracer".into(), choice.name());
     let mut seconds = Seconds::default();

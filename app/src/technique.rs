@@ -53,6 +53,11 @@ pub(crate) trait Technique {
         None
     }
 
+    /// Whether it runs on GPUs.
+    fn runs_on_gpu(&self) -> bool {
+        true
+    }
+
     /// Settings that stand in headers as they are here, whatever the command line says.
     fn header(&self, order: &Order<'_>) -> Vec<(&'static str, String)> {
         let _ = order;

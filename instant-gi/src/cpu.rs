@@ -6,7 +6,7 @@
 pub mod emission;
 mod filter;
 mod gbuffer;
-pub mod indirect;
+mod indirect;
 mod specular;
 
 use std::{
@@ -216,9 +216,8 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
                     let sample = [number % columns, number / columns];
                     let [x, y] = upsample.grid.pixel(sample);
                     let pixel = y * width as usize + x;
-                    if let Some(seen) = &seen[pixel]
-                        && seen.albedo() != Vec3::ZERO
-                    {
+                    // Metal too, whose irradiance its neighbours may need.
+                    if let Some(seen) = &seen[pixel] {
                         places.push(place);
                         receivers.push(Receiver {
                             point: &seen.point,

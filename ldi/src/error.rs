@@ -5,7 +5,7 @@ use std::path::PathBuf;
 /// Result of this crate's fallible functions.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// Everything that can go wrong while building, saving and loading maps.
+/// Everything that can go wrong while building, saving and loading maps, and while rendering with them.
 #[non_exhaustive]
 #[derive(Debug, thiserror::Error)]
 pub enum Error {

@@ -3,8 +3,11 @@
 use glam::Vec3;
 
 use crate::{
-    Bsdf, Ray, Scene, SurfacePoint, Tracer,
-    reference::light_sampling::{Incoming, LightSampler, towards},
+    Bsdf, Scene, SurfacePoint, Tracer,
+    reference::{
+        light_sampling::{Incoming, LightSampler, towards},
+        path::visible,
+    },
     sample::Sampler,
 };
 
@@ -49,7 +52,7 @@ impl<'a, T: Tracer + ?Sized> DirectLight<'a, T> {
                 return;
             }
             rays += 1;
-            if self.is_visible(point, &incoming) {
+            if visible(self.tracer, point, &incoming) {
                 sum += scattered;
             }
         };
@@ -84,18 +87,5 @@ impl<'a, T: Tracer + ?Sized> DirectLight<'a, T> {
         self.lights.can_be_hit()
             || self.scene.lights.len() > FEW
             || self.scene.lights.iter().any(extended)
-    }
-
-    fn is_visible(&self, point: &SurfacePoint, incoming: &Incoming) -> bool {
-        let tolerance = self.tracer.tolerance(point.position);
-        let origin = point.lifted(incoming.direction, tolerance);
-        let ray = match incoming.end {
-            None => Ray::new(origin, incoming.direction),
-            Some(end) => {
-                let distance = (end - origin).length();
-                Ray::new(origin, (end - origin) / distance).until(distance - tolerance)
-            }
-        };
-        !self.tracer.any_hit_from(&ray, point.surface)
     }
 }

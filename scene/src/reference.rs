@@ -13,7 +13,7 @@
 
 pub(crate) mod light_sampling;
 mod occlusion;
-mod path;
+pub(crate) mod path;
 pub(crate) mod render;
 
 use std::{fmt, str::FromStr};
@@ -107,6 +107,17 @@ impl FromStr for Quantity {
                        and irradiance.path",
         })
     }
+}
+
+/// f(0.8 · `min_d`, 1.2 · `min_d`, d) of MS10 Eq. (1): how much counts of light that travelled d metres between two surfaces,
+/// none when near, all when far, and a smoothstep between. 1 where `min_d` is 0.
+pub fn bound(min_d: f32, distance: f32) -> f32 {
+    let (a, b) = (0.8 * min_d, 1.2 * min_d);
+    if b == 0.0 {
+        return 1.0;
+    }
+    let s = ((distance - a) / (b - a)).clamp(0.0, 1.0);
+    s * s * (3.0 - 2.0 * s)
 }
 
 /// Which part of the materials counts.

@@ -131,6 +131,10 @@ impl Technique for IgiTechnique {
         ]
     }
 
+    fn runs_on_gpu(&self) -> bool {
+        false
+    }
+
     fn costs(&self) -> [u64; 2] {
         [4, 512]
     }
@@ -142,9 +146,7 @@ impl Technique for IgiTechnique {
         order: Order<'_>,
         progress: &dyn Progress,
     ) -> Result<Made> {
-        let tracers = ground.on_cpu().context(
-            "the technique igi runs on the CPU so far: leave out --device gpu and --adapter",
-        )?;
+        let tracers = ground.on_cpu().context("it runs on the CPU")?;
         let gi = InstantGi::new(scene, tracers, &self.params(&order))?;
         let stages = gi.render(order.camera, order.size, progress)?;
         let layers = Layers::of(

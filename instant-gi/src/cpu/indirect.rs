@@ -8,12 +8,12 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 use isophote_scene::{
-    Bsdf, DirectLight, Ray, Scene, SurfacePoint, Tracer, facing,
-    reference::Materials,
+    Bsdf, DirectLight, Ray, Scene, SurfacePoint, Tracer,
+    reference::bound,
     sample::{Frame, Sampler, cosine_hemisphere},
 };
 
-use super::emission::Vpl;
+use super::{emission::Vpl, gbuffer::Seen};
 use crate::GiParams;
 
 /// Who gathers.
@@ -39,41 +39,40 @@ pub(super) struct Receiver<'a> {
     pub(super) stream: u32,
 }
 
-/// f of Eq. (1): 0 up to 0.8 `min_d`, 1 from 1.2 `min_d` on, and a smoothstep between.
-pub fn bound(min_d: f32, distance: f32) -> f32 {
-    let (a, b) = (0.8 * min_d, 1.2 * min_d);
-    if b == 0.0 {
-        return 1.0;
-    }
-    let s = ((distance - a) / (b - a)).clamp(0.0, 1.0);
-    s * s * (3.0 - 2.0 * s)
-}
+/// Rays that are traced together, so that memory does not grow with the number of lights.
+const BATCH: usize = 1 << 16;
 
 impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'_, E, S> {
-    /// Irradiance at points, all traced in one batch; and the number of rays.
+    /// Irradiance at points, added to `light`; and the number of rays.
     pub(super) fn irradiance(&self, receivers: &[Receiver<'_>], light: &mut [Vec3]) -> u64 {
-        let mut rays = Vec::new();
-        let mut arrivals = Vec::new();
-        for (number, vpl) in (0..).zip(self.vpls) {
-            for (index, receiver) in receivers.iter().enumerate() {
-                let [part, parts] = receiver.part;
-                if number % parts != part {
-                    continue;
+        let lights = (BATCH / receivers.len().max(1)).max(1);
+        let (mut rays, mut arrivals) = (Vec::new(), Vec::new());
+        let mut hidden = Vec::new();
+        let mut count = 0;
+        for (first, vpls) in (0..).step_by(lights).zip(self.vpls.chunks(lights)) {
+            for (number, vpl) in (first..).zip(vpls) {
+                for (index, receiver) in receivers.iter().enumerate() {
+                    let [part, parts] = receiver.part;
+                    if number % parts != part {
+                        continue;
+                    }
+                    if let Some((ray, arriving)) = self.towards(receiver, vpl) {
+                        rays.push(ray);
+                        arrivals.push((index, arriving * parts as f32));
+                    }
                 }
-                if let Some((ray, arriving)) = self.towards(receiver, vpl) {
-                    rays.push(ray);
-                    arrivals.push((index, arriving * parts as f32));
+            }
+            hidden.clear();
+            hidden.resize(rays.len(), false);
+            self.tracer.any_hits(&rays, &mut hidden);
+            count += rays.len() as u64;
+            rays.clear();
+            for ((index, arriving), hidden) in arrivals.drain(..).zip(&hidden) {
+                if !hidden {
+                    light[index] += arriving;
                 }
             }
         }
-        let mut hidden = vec![false; rays.len()];
-        self.tracer.any_hits(&rays, &mut hidden);
-        for ((index, arriving), hidden) in arrivals.into_iter().zip(hidden) {
-            if !hidden {
-                light[index] += arriving;
-            }
-        }
-        let mut count = rays.len() as u64;
         if self.params.compensation > 0 && self.params.min_d > 0.0 {
             for (receiver, light) in receivers.iter().zip(light) {
                 let (left_out, rays) = self.left_out(receiver);
@@ -134,19 +133,13 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'_, E, S> {
             let Some(hit) = self.tracer.closest_hit_from(&ray, receiver.point.surface) else {
                 continue;
             };
+            let view = -direction;
             let point = self.scene.surface_point(&hit);
-            let material = self.scene.surface_material(&point);
-            if material.unlit {
+            let seen = Seen::new(self.scene, point, view, self.params.materials);
+            let (normal, albedo) = (seen.normal(), seen.albedo());
+            if albedo == Vec3::ZERO {
                 continue;
             }
-            let view = -direction;
-            let normal = facing(point.shading_normal, view);
-            let albedo = match self.params.materials {
-                Materials::Lambert => material.base_color,
-                Materials::Pbr => {
-                    material.base_color * (1.0 - material.metallic) * (1.0 - material.transmission)
-                }
-            };
             let bsdf = Bsdf::diffuse(normal, albedo);
             let (mut radiance, traced) = self.direct.scattered(&point, view, &bsdf, &sampler);
             rays += traced;

@@ -49,6 +49,7 @@ impl Head<'_> {
                 if self.wide { u64::STEPS } else { u32::STEPS },
                 flags,
                 self.params.epsilon.to_bits(),
+                // Unused.
                 0,
             ],
         ];

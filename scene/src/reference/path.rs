@@ -104,7 +104,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Integrator<'_, E, S> {
                 }
             }
             if bounce == 1 {
-                bound = self.bound(hit.t);
+                bound = super::bound(self.settings.min_d, hit.t);
             }
             (point, view) = (next, -sample.light);
         }
@@ -173,20 +173,14 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Integrator<'_, E, S> {
             Materials::Pbr => Bsdf::new(normal, material, outside),
         }
     }
-
-    /// f(0.8 · `min_d`, 1.2 · `min_d`, d) of MS10 Eq. (1): a smoothstep.
-    fn bound(&self, distance: f32) -> f32 {
-        let (a, b) = (0.8 * self.settings.min_d, 1.2 * self.settings.min_d);
-        if b == 0.0 {
-            return 1.0;
-        }
-        let s = ((distance - a) / (b - a)).clamp(0.0, 1.0);
-        s * s * (3.0 - 2.0 * s)
-    }
 }
 
 /// Whether nothing is between a point and a light.
-fn visible<T: Tracer + ?Sized>(tracer: &T, point: &SurfacePoint, incoming: &Incoming) -> bool {
+pub(crate) fn visible<T: Tracer + ?Sized>(
+    tracer: &T,
+    point: &SurfacePoint,
+    incoming: &Incoming,
+) -> bool {
     let tolerance = tracer.tolerance(point.position);
     let origin = point.lifted(incoming.direction, tolerance);
     let mut ray = Ray::new(origin, incoming.direction);
