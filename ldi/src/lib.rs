@@ -38,6 +38,7 @@
 //!   exact. [`Coverage::Center`] is the paper's sampling, with ε as the distance beside a triangle that still counts as
 //!   on it, and with a rule against a ray's own surroundings.
 //! - A pixel knows in which 32nds of the depth it has layers, so that empty pixels are passed without reading layers.
+//! - Where several triangles share a pixel they share its rays too, so that anti-aliasing costs few.
 //! - Rays of a batch are sorted by map.
 //! - Direct light and the shadows of what secondary rays hit are traced exactly, where the paper has shadow maps;
 //!   `gpu::Hybrid` has both.

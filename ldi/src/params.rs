@@ -104,7 +104,7 @@ impl LdiParams {
 /// How a picture is made; the defaults are the paper's, but for [`edges`](Self::edges).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HybridParams {
-    /// Samples a pixel, 1 or 4; what meets the same triangle is shaded once (§4).
+    /// Samples a pixel, 1 or 4; what meets the same triangle is shaded once (§4), with its part of the pixel's rays.
     pub samples: u32,
     /// Diffuse secondary rays a pixel, 1 to 65,536 (§7: 8).
     pub diffuse_rays: u32,

@@ -33,6 +33,11 @@ impl Fragment {
         facing(self.point.shading_normal, self.view)
     }
 
+    /// Its part of a pixel's rays, at least one: so a pixel takes as many whatever it shows, and its noise is the same.
+    pub(super) fn rays(&self, of_pixel: u32) -> u32 {
+        ((of_pixel as f32 * self.weight).ceil() as u32).max(1)
+    }
+
     /// Whether it scatters diffusely and does nothing else with light.
     pub(super) fn is_matte(&self) -> bool {
         let material = &self.material;

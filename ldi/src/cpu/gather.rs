@@ -55,29 +55,24 @@ type Gathered = (Vec<Vec3>, [u64; 2]);
 impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
     /// Stage 3: irradiance. With density cosθ/π it is π times the mean of the radiance.
     pub(super) fn diffuse(&self, fragments: &Fragments, meter: &Meter<'_>) -> Gathered {
-        let count = self.params.diffuse_rays;
-        self.gather(
-            fragments,
-            DIFFUSE,
-            count,
-            meter,
-            |fragment, stream, want| {
-                if fragment.diffuse == Vec3::ZERO {
-                    return;
-                }
-                let frame = Frame::new(fragment.normal());
-                for number in 0..count {
-                    let sampler = Sampler::new(self.params.seed, stream, number);
-                    let direction = frame.to_world(cosine_hemisphere(sampler.get_2d(1)));
-                    want(Wanted {
-                        direction: direction.normalize(),
-                        weight: Vec3::splat(PI / count as f32),
-                        number,
-                        level: self.params.texture_level,
-                    });
-                }
-            },
-        )
+        let most = self.params.diffuse_rays;
+        self.gather(fragments, DIFFUSE, most, meter, |fragment, stream, want| {
+            if fragment.diffuse == Vec3::ZERO {
+                return;
+            }
+            let frame = Frame::new(fragment.normal());
+            let count = fragment.rays(most);
+            for number in 0..count {
+                let sampler = Sampler::new(self.params.seed, stream, number);
+                let direction = frame.to_world(cosine_hemisphere(sampler.get_2d(1)));
+                want(Wanted {
+                    direction: direction.normalize(),
+                    weight: Vec3::splat(PI / count as f32),
+                    number,
+                    level: self.params.texture_level,
+                });
+            }
+        })
     }
 
     /// Stage 5: radiance by the metal lobe and through glass. A mirror takes one ray.
@@ -103,16 +98,12 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
                     ..*material
                 };
                 let level = self.params.texture_level;
+                let count = fragment.rays(most);
+                let glassy = (dielectric, glass, count, 0.0);
                 let lobes = if mirror {
-                    [
-                        (metal, material.metallic, 1, 0.0),
-                        (dielectric, glass, most, 0.0),
-                    ]
+                    [(metal, material.metallic, 1, 0.0), glassy]
                 } else {
-                    [
-                        (metal, material.metallic, most, level),
-                        (dielectric, glass, most, 0.0),
-                    ]
+                    [(metal, material.metallic, count, level), glassy]
                 };
                 let outside = fragment.point.shading_normal.dot(fragment.view) >= 0.0;
                 for (lobe, (material, share, count, level)) in lobes.into_iter().enumerate() {

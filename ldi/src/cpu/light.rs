@@ -49,7 +49,6 @@ impl<'a, T: Tracer + ?Sized> Lights<'a, T> {
         params: &HybridParams,
         meter: &Meter<'_>,
     ) -> (Vec<Vec3>, u64) {
-        let count = params.light_rays;
         let mut light = vec![Vec3::ZERO; fragments.all.len()];
         let rays = light
             .par_chunks_mut(CHUNK)
@@ -58,6 +57,7 @@ impl<'a, T: Tracer + ?Sized> Lights<'a, T> {
                 let mut rays = 0;
                 for (light, fragment) in light.iter_mut().zip(fragments) {
                     let stream = 4 * fragment.sample;
+                    let count = fragment.rays(params.light_rays);
                     for number in 0..count {
                         let sampler = Sampler::new(params.seed, stream, number);
                         let (found, traced) =
