@@ -5,7 +5,6 @@
 
 pub mod emission;
 mod filter;
-mod gbuffer;
 mod indirect;
 mod specular;
 
@@ -16,7 +15,7 @@ use std::{
 
 use glam::Vec3;
 use isophote_scene::{
-    Answers, Camera, DirectLight, Image, Pass, Scene, Tracer,
+    Answers, Camera, DirectLight, GBuffer, Image, Pass, Scene, Seen, Tracer,
     reference::{Progress, Tracers},
     sample::hash,
 };
@@ -25,7 +24,6 @@ use rayon::prelude::*;
 use self::{
     emission::{Vpl, shoot},
     filter::Upsample,
-    gbuffer::{Seen, see},
     indirect::{Gather, Receiver},
     specular::{Light, Tree},
 };
@@ -115,7 +113,7 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
             (vpls, [rays, 0])
         });
         let seen = Pass::timed(&mut passes, "camera", || {
-            let seen = see(scene, exact, camera, size, params.materials);
+            let seen = GBuffer::see(scene, exact, camera, size, params.materials);
             (seen, [pixels, 0])
         });
         let gather = Gather {
@@ -132,13 +130,13 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
             total: pixels + (columns * rows) as u64,
         };
         let lights = Pass::timed(&mut passes, "direct", || {
-            let lights = self.direct_and_specular(&seen, &gather, &meter);
+            let lights = self.direct_and_specular(&seen.pixels, &gather, &meter);
             let rays = lights.iter().map(|light| light.rays).sum();
             let hidden = lights.iter().map(|light| light.vpl_rays).sum();
             (lights, [rays, hidden])
         });
         let samples = Pass::timed(&mut passes, "indirect", || {
-            let (samples, rays) = self.samples(&seen, &gather, &upsample, size, &meter);
+            let (samples, rays) = self.samples(&seen, &gather, &upsample, &meter);
             (samples, [rays, 0])
         });
         let irradiance = Pass::timed(&mut passes, "filter", || {
@@ -146,6 +144,7 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
         })?;
         let albedo = |seen: &Option<Seen>| seen.as_ref().map_or(Vec3::ZERO, Seen::albedo);
         let indirect: Vec<Vec3> = seen
+            .pixels
             .iter()
             .zip(&irradiance)
             .map(|(seen, &irradiance)| albedo(seen) / PI * irradiance)
@@ -197,10 +196,9 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
     /// Stage 4, at the samples of a grid of pixels.
     fn samples(
         &self,
-        seen: &[Option<Seen>],
+        seen: &GBuffer,
         gather: &Gather<'_, E, S>,
         upsample: &Upsample,
-        [width, _]: [u32; 2],
         meter: &Meter<'_>,
     ) -> (Vec<Vec3>, u64) {
         let [columns, rows] = upsample.grid.size();
@@ -215,9 +213,9 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
                     let number = chunk * CHUNK + place;
                     let sample = [number % columns, number / columns];
                     let [x, y] = upsample.grid.pixel(sample);
-                    let pixel = y * width as usize + x;
+                    let pixel = y * seen.size[0] as usize + x;
                     // Metal too, whose irradiance its neighbours may need.
-                    if let Some(seen) = &seen[pixel] {
+                    if let Some(seen) = &seen.pixels[pixel] {
                         places.push(place);
                         receivers.push(Receiver {
                             point: &seen.point,

@@ -3,7 +3,7 @@
 //! # Stages
 //!
 //! 1. [`cpu::emission`]: light paths make virtual point lights (§4).
-//! 2. `cpu/gbuffer.rs`: what the camera sees.
+//! 2. [`isophote_scene::GBuffer`]: what the camera sees.
 //! 3. `cpu/specular.rs`: light straight from the lights, mirrors and glass (§4).
 //! 4. `cpu/indirect.rs`: the virtual point lights' light (Eq. (1)), of all or of a part of them (§4.2, §4.3).
 //! 5. `cpu/filter.rs`: samples become a picture (Eq. (2), §4.3).

@@ -16,6 +16,7 @@ mod clean;
 mod emission;
 mod environment;
 mod error;
+mod gbuffer;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 mod image;
@@ -44,6 +45,7 @@ pub use self::{
     emission::{Emission, Particle},
     environment::EnvironmentMap,
     error::{Error, Result},
+    gbuffer::{GBuffer, Seen},
     image::Image,
     light::{Environment, Light, LightKind},
     lighting::DirectLight,

@@ -1,8 +1,12 @@
 //! What light is computed for: points on surfaces, whether they are pixels, vertices or texels.
 
-use glam::{UVec2, Vec2, Vec3};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
-use crate::{Camera, InstanceMask, Scene, SurfaceId, SurfacePoint, Tracer, area, unit_normal};
+use crate::{
+    Camera, Hit, InstanceMask, Ray, Scene, SurfaceId, SurfacePoint, Tracer, area,
+    gbuffer::through_pixels, unit_normal,
+};
 
 /// Points that receive light. A technique that computes light for receivers can render and bake.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,20 +37,14 @@ impl Receivers {
         camera: &Camera,
         size: [u32; 2],
     ) -> Self {
-        let [width, height] = size;
-        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| UVec2::new(x, y)));
-        let receiver = |(index, pixel): (usize, UVec2)| {
-            let ray = camera.ray(pixel.as_vec2() + 0.5, width, height);
-            let hit = tracer.closest_hit(&ray)?;
-            Some(Receiver::new(
-                scene,
-                scene.surface_point(&hit),
-                0.0,
-                index as u32,
-            ))
+        let receiver = |(index, found): (usize, Option<(Ray, Hit)>)| {
+            let (_, hit) = found?;
+            let point = scene.surface_point(&hit);
+            Some(Receiver::new(scene, point, 0.0, index as u32))
         };
+        let found = through_pixels(tracer, camera, size).enumerate();
         Self {
-            points: pixels.enumerate().filter_map(receiver).collect(),
+            points: found.filter_map(receiver).collect(),
         }
     }
 

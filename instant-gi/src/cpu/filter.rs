@@ -6,8 +6,8 @@ use isophote_filters::{
     DiscontinuityBuffer, EdgeStop, Guides, ImageView, JointBilateral, Neighborhood, Pinhole,
     SampleGrid, SinglePass, Thresholds,
 };
+use isophote_scene::GBuffer;
 
-use super::gbuffer::Seen;
 use crate::{Filter, GiParams, Result};
 
 /// The filters of a picture's size.
@@ -65,7 +65,7 @@ impl Upsample {
     pub(super) fn apply(
         &self,
         samples: &[Vec3],
-        seen: &[Option<Seen>],
+        seen: &GBuffer,
         eye: &isophote_scene::Pinhole,
     ) -> Result<Vec<Vec3>> {
         let [columns, rows] = self.grid.size();
@@ -74,7 +74,7 @@ impl Upsample {
         if is_full && self.tile == [1, 1] {
             return Ok(samples.to_vec());
         }
-        let (normals, depths) = features(seen, eye);
+        let (normals, depths) = seen.normals_and_depths(eye);
         let axes = [eye.right, eye.up, eye.forward].map(|axis| axis.to_array());
         let camera = Pinhole::new(eye.eye.to_array(), axes, eye.yfov)?;
         let guides = Guides::new(
@@ -113,15 +113,4 @@ impl Upsample {
             .apply(view, &guides, bytemuck::cast_slice_mut(&mut output))?;
         Ok(output)
     }
-}
-
-/// Normals and depths of what is seen; zeros where nothing is.
-fn features(seen: &[Option<Seen>], eye: &isophote_scene::Pinhole) -> (Vec<Vec3>, Vec<f32>) {
-    seen.iter()
-        .map(|seen| {
-            seen.as_ref().map_or((Vec3::ZERO, 0.0), |seen| {
-                (seen.normal(), eye.depth(seen.point.position))
-            })
-        })
-        .unzip()
 }

@@ -8,12 +8,12 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 use isophote_scene::{
-    Bsdf, DirectLight, Ray, Scene, SurfacePoint, Tracer,
+    Bsdf, DirectLight, Ray, Scene, Seen, SurfacePoint, Tracer,
     reference::bound,
     sample::{Frame, Sampler, cosine_hemisphere},
 };
 
-use super::{emission::Vpl, gbuffer::Seen};
+use super::emission::Vpl;
 use crate::GiParams;
 
 /// Who gathers.

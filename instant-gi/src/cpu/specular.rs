@@ -7,14 +7,11 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 use isophote_scene::{
-    Bsdf, DirectLight, MIRROR_ROUGHNESS, Ray, Scene, SurfaceMaterial, Tracer, fresnel,
+    Bsdf, DirectLight, MIRROR_ROUGHNESS, Ray, Scene, Seen, SurfaceMaterial, Tracer, fresnel,
     reference::Materials, sample::Sampler,
 };
 
-use super::{
-    gbuffer::Seen,
-    indirect::{Gather, Receiver},
-};
+use super::indirect::{Gather, Receiver};
 use crate::GiParams;
 
 /// Rays that carry less than this share of a pixel's light are not followed.
@@ -68,8 +65,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Tree<'_, E, S> {
         } else {
             1
         };
-        let outside = seen.point.shading_normal.dot(seen.view) >= 0.0;
-        let bsdf = Bsdf::new(seen.normal(), &seen.material, outside);
+        let bsdf = Bsdf::new(seen.normal(), &seen.material, seen.is_outside());
         let mut sum = Vec3::ZERO;
         for number in 0..count {
             let sampler = Sampler::new(self.params.seed, 4 * stream, number);
@@ -114,7 +110,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Tree<'_, E, S> {
             ..
         } = seen.material;
         let (normal, view) = (seen.normal(), seen.view);
-        let outside = seen.point.shading_normal.dot(view) >= 0.0;
+        let outside = seen.is_outside();
         if metallic > 0.0 {
             let metal = SurfaceMaterial {
                 metallic: 1.0,

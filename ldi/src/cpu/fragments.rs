@@ -4,9 +4,7 @@
 //! of them, and weighted with how many there are: anti-aliasing as graphics hardware does it (§4).
 
 use glam::{UVec2, Vec2, Vec3};
-use isophote_scene::{
-    Camera, Scene, SurfaceMaterial, SurfacePoint, Tracer, facing, reference::Materials,
-};
+use isophote_scene::{Camera, Scene, Seen, SurfaceMaterial, SurfacePoint, Tracer, facing};
 use rayon::prelude::*;
 
 use crate::HybridParams;
@@ -94,15 +92,15 @@ impl Fragments {
                     continue;
                 }
                 let point = scene.surface_point(&hit);
-                let material = material(scene, &point, params.materials);
+                let seen = Seen::new(scene, point, -ray.direction, params.materials);
                 found.push(Fragment {
                     pixel: pixel as u32,
                     sample: (pixel * places.len() + number) as u32,
                     weight,
-                    point,
-                    view: -ray.direction,
-                    diffuse: diffuse(&material),
-                    material,
+                    point: seen.point,
+                    view: seen.view,
+                    diffuse: seen.albedo(),
+                    material: seen.material,
                 });
             }
             found
@@ -130,25 +128,4 @@ impl Fragments {
         }
         sums
     }
-}
-
-/// What a surface is made of, as far as materials count.
-fn material(scene: &Scene, point: &SurfacePoint, materials: Materials) -> SurfaceMaterial {
-    let material = scene.surface_material(point);
-    if materials == Materials::Pbr && !material.unlit {
-        return material;
-    }
-    SurfaceMaterial {
-        metallic: 0.0,
-        transmission: 0.0,
-        ..material
-    }
-}
-
-/// Albedo of the diffuse part: of metal and glass there is none, and what is unlit reflects nothing.
-fn diffuse(material: &SurfaceMaterial) -> Vec3 {
-    if material.unlit {
-        return Vec3::ZERO;
-    }
-    material.base_color * (1.0 - material.metallic) * (1.0 - material.transmission)
 }
