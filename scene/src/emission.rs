@@ -8,7 +8,7 @@ use std::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
 use crate::{
-    Environment, Light, LightKind, Ray, Scene, SurfaceId,
+    Aabb, Environment, Light, LightKind, Ray, Scene, SurfaceId,
     reference::light_sampling::emitters,
     sample::{
         Frame, concentric_disk, cosine_hemisphere, uniform_cone, uniform_sphere, uniform_triangle,
@@ -28,15 +28,15 @@ pub struct Emission<'a> {
 }
 
 /// A light and how likely it is chosen.
-struct Source {
-    kind: Kind,
-    probability: f32,
+pub(crate) struct Source {
+    pub(crate) kind: Kind,
+    pub(crate) probability: f32,
     /// Of this and all before.
-    cumulative: f32,
+    pub(crate) cumulative: f32,
 }
 
 #[derive(Clone, Copy)]
-enum Kind {
+pub(crate) enum Kind {
     Light(u32),
     /// A triangle and its area.
     Triangle(SurfaceId, f32),
@@ -57,7 +57,11 @@ pub struct Particle {
 impl<'a> Emission<'a> {
     /// The lights, emissive triangles and environment of a scene, chosen by power.
     pub fn new(scene: &'a Scene) -> Self {
-        let bounds = scene.bounds();
+        Self::within(scene, &scene.bounds())
+    }
+
+    /// As [`new`](Self::new), of a scene whose bounds are known.
+    pub(crate) fn within(scene: &'a Scene, bounds: &Aabb) -> Self {
         let (center, radius) = (bounds.center(), 0.5 * bounds.diagonal());
         let disk = PI * radius * radius;
         let lights = scene.lights.iter().zip(0..).map(|(light, index)| {
@@ -98,6 +102,12 @@ impl<'a> Emission<'a> {
             center,
             radius,
         }
+    }
+
+    /// What there is to choose from.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn sources(&self) -> &[Source] {
+        &self.sources
     }
 
     /// A particle from numbers in [0, 1): which light, where it starts, and where it goes. `None` where nothing shines.

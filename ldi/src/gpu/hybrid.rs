@@ -11,7 +11,7 @@
 //! several samples a pixel a triangle is looked at nearest to the pixel's centre, not at its first sample.
 //!
 //! Stages 3 and 5 take one ray of each sample at a time, which the secondary tracer answers and the exact one lights, since a
-//! shader knows one tracer. With shadow maps the same shader does both, and all lights count at once, as points. Of the 8 storage buffers of a stage the scene takes 3, the tracer 2 and this 3.
+//! shader knows one tracer. With shadow maps the same shader does both, and all lights count at once, as points. Of the 8 storage buffers of a stage the scene takes 3, the tracer 2 and this 2.
 
 mod passes;
 mod read;
@@ -25,7 +25,7 @@ use isophote_scene::{
     Answers, Camera, Material, Scene,
     gpu::{
         Context, GBuffer, GBufferPass, GpuTracer, Rasters, ShadowMaps, ShadowOptions, Timer,
-        reference::{LightTables, World},
+        reference::World,
     },
     reference::Materials,
     sample::hash_seed,
@@ -55,9 +55,9 @@ struct GpuParams {
     texture_level: f32,
     blurs_light: u32,
     eye: [f32; 3],
-    padding: u32,
+    pbr: u32,
     forward: [f32; 3],
-    more_padding: u32,
+    padding: u32,
 }
 
 /// `Piece` of fragments.wesl.
@@ -250,17 +250,9 @@ impl Hybrid {
         };
         let settings = context.buffer::<GpuParams>("hybrid", &[], wgpu::BufferUsages::UNIFORM)?;
         let pieces = Pieces::new(context, &world, params, samples)?;
-        let lights = LightTables::new(context, world.scene, params.materials)?;
         let (target, stages) = textures(context, size, samples.min(MOST_SAMPLES), samples)?;
         let passes = Unbound::new(context, &world, params, &rasters, shadow_maps.is_some())?;
-        let passes = passes.bound(
-            context,
-            &settings,
-            &pieces.buffer,
-            &lights,
-            &target,
-            &stages,
-        )?;
+        let passes = passes.bound(context, &settings, &pieces.buffer, &target, &stages)?;
         Ok(Self {
             params: *params,
             size,
@@ -436,6 +428,7 @@ impl Hybrid {
             texture_level: params.texture_level,
             blurs_light: u32::from(self.light_gaussian.is_some()),
             eye: eye.to_array(),
+            pbr: u32::from(params.materials == Materials::Pbr),
             forward: forward.to_array(),
             ..GpuParams::zeroed()
         };

@@ -12,16 +12,15 @@
 //! All of them add to one buffer of sums, which is read when every sample has been taken. Work is submitted in pieces
 //! that take a moment, so that no driver's watchdog minds.
 //!
-//! Of the 8 storage buffers of a stage the scene takes 3, the tracer 2, and this 3.
+//! Of the 8 storage buffers of a stage the scene takes 3, the tracer 2, and this 2.
 
 mod passes;
 mod tables;
 mod work;
 
-pub use self::tables::LightTables;
 use self::{
     passes::Passes,
-    tables::{GpuSettings, ReceiverWords, Tables, receiver_words},
+    tables::{GpuSettings, ReceiverWords, receiver_words},
     work::{Sums, Work},
 };
 use super::{Context, GpuScene, GpuTracer, PassTime, RayBatch};
@@ -73,8 +72,7 @@ impl Integrator {
     /// # Errors
     /// [`Error::Parameter`] for settings out of range, a size of zero, or one of more pixels than are counted here (2³¹);
     /// [`Error::TracerKnowsLess`] as [`crate::reference::Integrator::new`]; [`Error::Shader`] when a tracer's module does
-    /// not link; [`Error::GpuLimit`] when what is needed to sample the emissive triangles and the environment is larger
-    /// than what the device binds; [`Error::Gpu`] when the device fails, leaves work undone or calculates what is no
+    /// not link; [`Error::Gpu`] when the device fails, leaves work undone or calculates what is no
     /// number.
     pub fn render(
         &mut self,
@@ -147,27 +145,24 @@ impl Integrator {
                 expected: "a GPU counts up to 2147483647",
             });
         };
-        let tables = Tables::new(&self.context, world.scene)?;
         let answers = [world.exact.answers(), world.secondary.answers()];
-        let wanted = Wanted::checked(quantities, settings, tables.can_be_hit(), answers)?;
-        let values = GpuSettings::new(target.view, settings, &wanted, &tables);
+        let wanted = Wanted::checked(
+            quantities,
+            settings,
+            world.gpu_scene.light_can_be_hit(),
+            answers,
+        )?;
+        let values = GpuSettings::new(target.view, settings, &wanted);
         let uniform = wgpu::BufferUsages::UNIFORM;
         let passes = &mut self.passes;
         let work = Work {
             context: &self.context,
-            passes: passes.choose(
-                &self.context,
-                world,
-                target.view.is_some(),
-                &wanted,
-                &tables,
-            )?,
+            passes: passes.choose(&self.context, world, target.view.is_some(), &wanted)?,
             layout: &passes.layout,
             scene: world.gpu_scene.bind_group(),
             settings: self
                 .context
                 .buffer("reference settings", &[values], uniform)?,
-            chances: &tables.chances,
             receivers: target.view.is_none().then_some(target.receivers),
             record: values.record,
             samples: settings.halves(),

@@ -27,6 +27,7 @@ pub const SHADERS: ShaderPackage = shader_package!(
         "bsdf",
         "gbuffer/raster",
         "gbuffer/read",
+        "lighting",
         "ray",
         "reference/camera",
         "reference/direct",

@@ -1,7 +1,7 @@
 //! A scene's data in GPU memory: everything a shader needs to know about a hit.
 //!
 //! 1. `vertices`: positions, normals, texture coordinates and colours, 32 bytes a vertex; triangles, 16 bytes each.
-//! 2. `tables`: instances, materials, textures and lights, and where they begin.
+//! 2. `tables`: instances, materials, textures and lights, how lights are chosen, and where each begins.
 //! 3. `atlas`: all mip levels of all textures as rectangles in the layers of one array texture.
 //!
 //! All of it is measured against the device's limits before anything is created; tables that are too large for buffers
@@ -14,7 +14,7 @@ mod vertices;
 
 use self::{
     atlas::Atlas,
-    tables::{Tables, bounds_records, moving_records},
+    tables::{SceneInfo, Tables, least_bytes},
     vertices::{Geometry, MeshPlace},
 };
 use super::{
@@ -37,7 +37,8 @@ pub struct GpuScene {
     bounds: Aabb,
     material_count: usize,
     light_count: usize,
-    info: wgpu::Buffer,
+    info: SceneInfo,
+    info_buffer: wgpu::Buffer,
     tables: Words,
     bytes: u64,
 }
@@ -81,11 +82,8 @@ impl GpuScene {
             words("scene triangles", &geometry.triangles)?,
             words("scene tables", &tables.words)?,
         ];
-        let info = context.buffer(
-            "scene info",
-            &[tables.info(scene)],
-            wgpu::BufferUsages::UNIFORM,
-        )?;
+        let info = tables.info;
+        let info_buffer = context.buffer("scene info", &[info], wgpu::BufferUsages::UNIFORM)?;
         let bytes = buffers.iter().map(Words::bytes).sum::<u64>() + atlas.bytes();
         let [vertices, triangles, tables] = buffers;
         let (layout, bind_group) = context.check("uploading the scene's textures", |device| {
@@ -101,7 +99,7 @@ impl GpuScene {
                 label: Some("scene"),
                 layout: &layout,
                 entries: &entries([
-                    info.as_entire_binding(),
+                    info_buffer.as_entire_binding(),
                     vertices.binding(),
                     triangles.binding(),
                     tables.binding(),
@@ -126,6 +124,7 @@ impl GpuScene {
             material_count: scene.materials.len(),
             light_count: scene.lights.len(),
             info,
+            info_buffer,
             tables,
             bytes,
         })
@@ -155,7 +154,6 @@ impl GpuScene {
                 expected: "it must have the instances and lights of the scene that was uploaded",
             });
         }
-        let records = moving_records(scene, &self.places);
         self.instances = scene
             .instances
             .iter()
@@ -170,18 +168,23 @@ impl GpuScene {
                 corners.map(|corner| instance.transform.transform_point3(corner))
             })
             .fold(Aabb::EMPTY, Aabb::grown);
+        let moving = Tables::moved(&self.info, scene, &self.bounds, &self.places);
+        self.info = moving.info;
         context.check("moving the scene", |_| {
-            self.tables.write(context, &records);
-            for (offset, corner) in bounds_records(&self.bounds) {
-                let corner = bytemuck::bytes_of(&corner);
-                context.queue().write_buffer(&self.info, offset, corner);
-            }
+            self.tables.write(context, &moving.words);
+            let info = bytemuck::bytes_of(&self.info);
+            context.queue().write_buffer(&self.info_buffer, 0, info);
         })
     }
 
     /// The box around all instances, where they were at the last upload or update; empty without geometry.
     pub fn bounds(&self) -> Aabb {
         self.bounds
+    }
+
+    /// Whether a ray can find light: on an emissive triangle or outside the scene.
+    pub(super) fn light_can_be_hit(&self) -> bool {
+        self.info.can_be_hit()
     }
 
     pub(super) fn material_count(&self) -> usize {
@@ -272,7 +275,8 @@ impl Packed {
         let [vertex_bytes, triangle_bytes] = Geometry::bytes(scene);
         let vertices = ("the scene's vertices", vertex_bytes);
         let triangles = ("the scene's triangles", triangle_bytes);
-        Placement::of(context, &[vertices, triangles])?;
+        let rest = ("the scene's tables", least_bytes(scene));
+        Placement::of(context, &[vertices, triangles, rest])?;
         let limits = context.device().limits();
         let atlas = Atlas::pack(&scene.textures, &limits, || {
             context.device().adapter_info().name

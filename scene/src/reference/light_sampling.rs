@@ -38,6 +38,9 @@ impl Emitter {
 
 /// The emissive triangles of a scene in its order.
 pub(crate) fn emitters(scene: &Scene) -> Vec<Emitter> {
+    if !scene.materials.iter().any(crate::Material::is_emissive) {
+        return Vec::new();
+    }
     let mut emitters = Vec::new();
     let mut total = 0.0_f64;
     for (index, instance) in scene.instances.iter().enumerate() {

@@ -1,10 +1,7 @@
 //! The pipelines, what they bind, and the textures and buffers between them.
 
 use isophote_filters::gpu::texture;
-use isophote_scene::gpu::{
-    Context, GpuTracer, Linker, Rasters,
-    reference::{LightTables, World},
-};
+use isophote_scene::gpu::{Context, GpuTracer, Linker, Rasters, reference::World};
 use wgpu::{BindingResource, BindingType, BufferBindingType, TextureFormat, TextureView};
 
 use super::{Piece, StageTextures};
@@ -115,7 +112,6 @@ struct Layouts {
 const UNIFORM: BindingType = buffer(BufferBindingType::Uniform, false);
 const PIECE: BindingType = buffer(BufferBindingType::Uniform, true);
 const WRITTEN: BindingType = buffer(BufferBindingType::Storage { read_only: false }, false);
-const READ: BindingType = buffer(BufferBindingType::Storage { read_only: true }, false);
 const TEXTURE: BindingType = BindingType::Texture {
     sample_type: wgpu::TextureSampleType::Float { filterable: false },
     view_dimension: wgpu::TextureViewDimension::D2,
@@ -158,8 +154,8 @@ impl Layouts {
                 })
             })?)
         };
-        let common = [(0, UNIFORM), (1, UNIFORM), (3, WRITTEN)];
-        let rays = [(2, PIECE), (4, READ), (5, WRITTEN)];
+        let common = [(1, UNIFORM), (3, WRITTEN)];
+        let rays = [(2, PIECE), (5, WRITTEN)];
         let resolve = [(6, COLOR), (7, COLOR), (8, COLOR), (9, COLOR)];
         let combine = [
             (12, TEXTURE),
@@ -242,7 +238,6 @@ impl Unbound {
         context: &Context,
         settings: &wgpu::Buffer,
         pieces: &wgpu::Buffer,
-        lights: &LightTables,
         target: &Target,
         stages: &StageTextures,
     ) -> Result<Passes> {
@@ -255,15 +250,10 @@ impl Unbound {
             size: wgpu::BufferSize::new(size_of::<Piece>() as u64),
         });
         let common = [
-            (0, lights.settings().as_entire_binding()),
             (1, settings.as_entire_binding()),
             (3, target.light.as_entire_binding()),
         ];
-        let rays = [
-            (2, piece),
-            (4, lights.chances().as_entire_binding()),
-            (5, target.hits.as_entire_binding()),
-        ];
+        let rays = [(2, piece), (5, target.hits.as_entire_binding())];
         let resolve = views([
             (6, &target.irradiance),
             (7, &target.light_irradiance),

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::{World, tables::Tables};
+use super::World;
 use crate::{
     Result,
     gpu::{Context, GpuScene, GpuTracer, Linker},
@@ -30,7 +30,7 @@ struct Link {
 pub(super) struct Passes {
     /// By how they were linked.
     pipelines: HashMap<Link, wgpu::ComputePipeline>,
-    /// Of group 0: settings, piece, starts, sums, chances.
+    /// Of group 0: settings, piece, starts, sums.
     pub(super) layout: wgpu::BindGroupLayout,
 }
 
@@ -49,13 +49,12 @@ impl Passes {
         world: World<'_>,
         camera: bool,
         wanted: &Wanted,
-        tables: &Tables,
     ) -> Result<Vec<Pass>> {
         let kinds = [wanted.radiance, wanted.irradiance];
         let direct = kinds.iter().any(|kind| kind.last > 0 && kind.first <= 1);
         let path = kinds
             .iter()
-            .any(|kind| kind.last > 1 || (kind.last > 0 && tables.can_be_hit()));
+            .any(|kind| kind.last > 1 || (kind.last > 0 && world.gpu_scene.light_can_be_hit()));
         let passes = [
             ("camera", camera, world.exact),
             ("occlusion", wanted.occlusion, world.secondary),
@@ -117,13 +116,12 @@ fn layout(context: &Context) -> Result<wgpu::BindGroupLayout> {
         },
         count: None,
     };
-    let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
+    let written = wgpu::BufferBindingType::Storage { read_only: false };
     let entries = [
         (0, wgpu::BufferBindingType::Uniform, false),
         (1, wgpu::BufferBindingType::Uniform, true),
-        (2, storage(false), false),
-        (3, storage(false), false),
-        (4, storage(true), false),
+        (2, written, false),
+        (3, written, false),
     ]
     .map(entry);
     context.check("reference", |device| {

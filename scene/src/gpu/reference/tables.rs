@@ -1,13 +1,11 @@
-//! What the shaders read beside the scene: how lights are chosen, receivers, and the settings.
+//! What the shaders read beside the scene: receivers, and the settings.
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::{
-    Environment, Receiver, Result, Scene,
-    gpu::{Context, view::View},
-    reference::{
-        Bounces, Materials, Normals, Quantity, Settings, Wanted, light_sampling::emitters,
-    },
+    Receiver,
+    gpu::view::View,
+    reference::{Bounces, Materials, Normals, Quantity, Settings, Wanted},
     sample::hash_seed,
 };
 
@@ -20,106 +18,6 @@ const NONE: u32 = u32::MAX;
 
 /// A record's first words: passes done, rays traced.
 pub(super) const COUNTERS: u32 = 2;
-
-/// `chances`: emissive triangles, rows and texels of the environment.
-pub(super) struct Tables {
-    pub(super) chances: wgpu::Buffer,
-    emitters: u32,
-    /// In words of four, or [`NONE`] where the environment is black.
-    rows: u32,
-    texels: u32,
-}
-
-impl Tables {
-    pub(super) fn new(context: &Context, scene: &Scene) -> Result<Self> {
-        let emitters = emitters(scene);
-        let mut words: Vec<Word> = emitters
-            .iter()
-            .map(|emitter| {
-                let [sum, density] = [emitter.cumulative, emitter.density()].map(f32::to_bits);
-                [
-                    emitter.surface.instance,
-                    emitter.surface.primitive,
-                    sum,
-                    density,
-                ]
-            })
-            .collect();
-        let rows = words.len() as u32;
-        let mut texels = rows;
-        if let Environment::Map(map) = &scene.environment {
-            let [width, height] = map.size().map(u64::from);
-            let bytes = 16 * (words.len() as u64 + height) + 4 * width * height;
-            context.check_storage_size("the environment's probabilities", bytes)?;
-            words.extend(map.row_chances().map(|row| row.map(f32::to_bits)));
-            texels = words.len() as u32;
-            words.extend(map.texel_chances().chunks(4).map(|chunk| {
-                std::array::from_fn(|i| chunk.get(i).copied().unwrap_or_default().to_bits())
-            }));
-        }
-        context.check_storage_size("the emissive triangles", 16 * words.len() as u64)?;
-        Ok(Self {
-            chances: context.buffer("chances", &words, wgpu::BufferUsages::STORAGE)?,
-            emitters: emitters.len() as u32,
-            rows: if scene.environment.is_black() {
-                NONE
-            } else {
-                rows
-            },
-            texels,
-        })
-    }
-
-    /// Whether a ray can find light: on an emissive triangle or outside the scene.
-    pub(super) fn can_be_hit(&self) -> bool {
-        self.emitters > 0 || self.rows != NONE
-    }
-}
-
-/// What `scene::reference::lit` and `scene::reference::light_sampling` read of a scene's lights, for techniques that
-/// light surfaces as the integrators do.
-///
-/// In a technique's group 0, binding 0 is the uniform buffer [`settings`](Self::settings) and binding 4 the read-only
-/// storage buffer [`chances`](Self::chances).
-#[derive(Clone, Debug)]
-pub struct LightTables {
-    settings: wgpu::Buffer,
-    chances: wgpu::Buffer,
-}
-
-impl LightTables {
-    /// Uploads what is known of a scene's lights.
-    ///
-    /// # Errors
-    /// [`Error::GpuLimit`](crate::Error::GpuLimit) when it is larger than what the device binds,
-    /// [`Error::Gpu`](crate::Error::Gpu) when memory is out.
-    pub fn new(context: &Context, scene: &Scene, materials: Materials) -> Result<Self> {
-        let tables = Tables::new(context, scene)?;
-        let settings = GpuSettings {
-            columns: [NONE; 8],
-            pbr: u32::from(materials == Materials::Pbr),
-            emitters: tables.emitters,
-            rows: tables.rows,
-            texels: tables.texels,
-            ..GpuSettings::zeroed()
-        };
-        let usage = wgpu::BufferUsages::UNIFORM;
-        Ok(Self {
-            settings: context.buffer("light settings", &[settings], usage)?,
-            chances: tables.chances,
-        })
-    }
-
-    /// Binding 0.
-    pub fn settings(&self) -> &wgpu::Buffer {
-        &self.settings
-    }
-
-    /// Binding 4.
-    pub fn chances(&self) -> &wgpu::Buffer {
-        &self.chances
-    }
-}
 
 /// The uniform `settings`.
 #[repr(C)]
@@ -137,20 +35,13 @@ pub(super) struct GpuSettings {
     path_bounces: u32,
     pbr: u32,
     flat_normals: u32,
-    emitters: u32,
-    rows: u32,
-    texels: u32,
-    receivers: [u32; 4],
+    receivers: u32,
+    padding: [u32; 2],
 }
 
 impl GpuSettings {
     /// `view` is none for receivers.
-    pub(super) fn new(
-        view: Option<View>,
-        settings: &Settings,
-        wanted: &Wanted,
-        tables: &Tables,
-    ) -> Self {
+    pub(super) fn new(view: Option<View>, settings: &Settings, wanted: &Wanted) -> Self {
         let place = |quantity| {
             let column = wanted.quantities.iter().position(|one| *one == quantity);
             column.map_or(NONE, |column| COUNTERS + 3 * column as u32)
@@ -170,10 +61,8 @@ impl GpuSettings {
             path_bounces: settings.path_bounces,
             pbr: u32::from(settings.materials == Materials::Pbr),
             flat_normals: u32::from(settings.normals == Normals::Flat),
-            emitters: tables.emitters,
-            rows: tables.rows,
-            texels: tables.texels,
-            receivers: [u32::from(view.is_none()), 0, 0, 0],
+            receivers: u32::from(view.is_none()),
+            padding: [0; 2],
         }
     }
 }

@@ -87,7 +87,6 @@ pub(super) struct Work<'a> {
     pub(super) layout: &'a wgpu::BindGroupLayout,
     pub(super) scene: &'a wgpu::BindGroup,
     pub(super) settings: wgpu::Buffer,
-    pub(super) chances: &'a wgpu::Buffer,
     /// `None` for a camera's pixels.
     pub(super) receivers: Option<&'a [ReceiverWords]>,
     /// Words of a slot's record.
@@ -169,7 +168,6 @@ impl Work<'_> {
                     piece,
                     starts.as_entire_binding(),
                     sums.as_entire_binding(),
-                    self.chances.as_entire_binding(),
                 ]),
             })
         })

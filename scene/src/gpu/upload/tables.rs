@@ -1,12 +1,14 @@
-//! Instances, materials, textures and lights as records of words of four; `shaders/scene_data.wesl` reads them.
-
-use std::mem::offset_of;
+//! Instances, materials, textures and lights as records of words of four; `shaders/scene_data.wesl` reads them,
+//! `shaders/reference/light_sampling.wesl` and `shaders/emission.wesl` those by which lights are chosen.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, Vec4};
 
 use super::{atlas::Atlas, vertices::MeshPlace};
-use crate::{Aabb, Alpha, Filter, Light, LightKind, Material, Scene, TextureRef, Wrap};
+use crate::{
+    Aabb, Alpha, Emission, Environment, Filter, Light, LightKind, Material, Scene, TextureRef,
+    Wrap, emission::Kind, reference::light_sampling::emitters,
+};
 
 type Word = [u32; 4];
 
@@ -16,64 +18,64 @@ const NONE: u32 = u32::MAX;
 #[derive(Debug)]
 pub(super) struct Tables {
     pub(super) words: Vec<Word>,
-    starts: Starts,
+    pub(super) info: SceneInfo,
 }
 
-#[derive(Clone, Copy, Debug, Default)]
-struct Starts {
+/// The uniform `scene_info`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(super) struct SceneInfo {
+    instances: u32,
     materials: u32,
     texture_refs: u32,
     textures: u32,
     levels: u32,
     lights: u32,
-}
-
-/// The uniform `scene_info`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub(super) struct SceneInfo {
-    starts: [u32; 6],
     instance_count: u32,
     light_count: u32,
     bounds_min: [f32; 3],
     material_count: u32,
     bounds_max: [f32; 3],
-    padding: u32,
+    emitters: u32,
+    emitter_count: u32,
+    sources: u32,
+    source_count: u32,
+    environment_rows: u32,
 }
 
-/// What moves of the uniform `scene_info`.
-pub(super) fn bounds_records(bounds: &Aabb) -> [(u64, [f32; 3]); 2] {
-    [
-        (
-            offset_of!(SceneInfo, bounds_min) as u64,
-            bounds.min.to_array(),
-        ),
-        (
-            offset_of!(SceneInfo, bounds_max) as u64,
-            bounds.max.to_array(),
-        ),
-    ]
+impl SceneInfo {
+    /// Whether a ray can find light: on an emissive triangle or outside the scene.
+    pub(super) fn can_be_hit(&self) -> bool {
+        self.emitter_count > 0 || self.environment_rows != NONE
+    }
+}
+
+/// Bytes of the tables at least, before they are made.
+pub(super) fn least_bytes(scene: &Scene) -> u64 {
+    let Environment::Map(map) = &scene.environment else {
+        return 0;
+    };
+    let [width, height] = map.size().map(u64::from);
+    16 * height + 4 * width * height
 }
 
 impl Tables {
     pub(super) fn new(scene: &Scene, places: &[MeshPlace], atlas: &Atlas) -> Self {
-        let mut words = Vec::new();
-        // Instances and lights first: they are what moves.
-        let transforms = scene.transforms();
-        words.extend(instance_records(scene, places, &transforms).flatten());
-        let lights = words.len() as u32;
-        words.extend(scene.lights.iter().flat_map(light_record));
+        let Moving {
+            mut words,
+            mut info,
+        } = Moving::new(scene, &scene.bounds(), places);
         let mut refs = Vec::new();
-        let materials = words.len() as u32;
+        info.materials = words.len() as u32;
         words.extend(
             scene
                 .materials
                 .iter()
                 .flat_map(|one| material_record(one, &mut refs)),
         );
-        let texture_refs = words.len() as u32;
+        info.texture_refs = words.len() as u32;
         words.extend(refs.iter().flat_map(texture_ref_record));
-        let textures = words.len() as u32;
+        info.textures = words.len() as u32;
         let mut first_level = 0;
         for texture in &scene.textures {
             let wrap = |wrap| match wrap {
@@ -88,7 +90,7 @@ impl Tables {
             words.push([first_level, texture.level_count() as u32, flags, 0]);
             first_level += texture.level_count() as u32;
         }
-        let levels = words.len() as u32;
+        info.levels = words.len() as u32;
         words.extend(atlas.places.iter().map(|place| {
             [
                 place.x,
@@ -97,47 +99,112 @@ impl Tables {
                 place.width | place.height << 16,
             ]
         }));
+        info.environment_rows = if scene.environment.is_black() {
+            NONE
+        } else {
+            words.len() as u32
+        };
+        if let Environment::Map(map) = &scene.environment {
+            words.extend(map.row_chances().map(|row| row.map(f32::to_bits)));
+            words.extend(map.texel_chances().chunks(4).map(|chunk| {
+                std::array::from_fn(|i| chunk.get(i).copied().unwrap_or_default().to_bits())
+            }));
+        }
         if words.is_empty() {
             words.push([0; 4]);
         }
-        let starts = Starts {
-            materials,
-            texture_refs,
-            textures,
-            levels,
-            lights,
-        };
-        Self { words, starts }
+        Self { words, info }
     }
 
-    pub(super) fn info(&self, scene: &Scene) -> SceneInfo {
-        let bounds = scene.bounds();
-        let Starts {
+    /// Moves the scene: the first words of all, and what is known of them, are others then. The rest stays where it is.
+    pub(super) fn moved(
+        info: &SceneInfo,
+        scene: &Scene,
+        bounds: &Aabb,
+        places: &[MeshPlace],
+    ) -> Moving {
+        let mut moving = Moving::new(scene, bounds, places);
+        let SceneInfo {
             materials,
             texture_refs,
             textures,
             levels,
+            environment_rows,
+            ..
+        } = *info;
+        moving.info = SceneInfo {
+            materials,
+            texture_refs,
+            textures,
+            levels,
+            environment_rows,
+            ..moving.info
+        };
+        moving
+    }
+}
+
+/// What moves: the beginning of the tables, and what is known of it. However a scene moves they are as many.
+#[derive(Debug)]
+pub(super) struct Moving {
+    pub(super) words: Vec<Word>,
+    pub(super) info: SceneInfo,
+}
+
+impl Moving {
+    fn new(scene: &Scene, bounds: &Aabb, places: &[MeshPlace]) -> Self {
+        let mut words = Vec::new();
+        let transforms = scene.transforms();
+        words.extend(instance_records(scene, places, &transforms).flatten());
+        let lights = words.len() as u32;
+        words.extend(scene.lights.iter().flat_map(light_record));
+        let first_emitter = words.len() as u32;
+        words.extend(emitters(scene).iter().map(|emitter| {
+            let [sum, density] = [emitter.cumulative, emitter.density()].map(f32::to_bits);
+            [
+                emitter.surface.instance,
+                emitter.surface.primitive,
+                sum,
+                density,
+            ]
+        }));
+        let sources = words.len() as u32;
+        let emission = Emission::within(scene, bounds);
+        words.extend(emission.sources().iter().map(|source| {
+            let probability = source.probability;
+            let (a, b, scale) = match source.kind {
+                Kind::Light(index) => (LIGHT, index, 1.0 / probability),
+                Kind::Triangle(surface, area) => {
+                    (surface.instance, surface.primitive, area / probability)
+                }
+                Kind::Environment => (NONE, 0, 1.0 / probability),
+            };
+            [a, b, source.cumulative.to_bits(), scale.to_bits()]
+        }));
+        let source_count = words.len() as u32 - sources;
+        let emitter_count = sources - first_emitter;
+        // Room for all that may shine: lights, triangles and the environment.
+        let most = scene.lights.len() + emitter_count as usize + 1;
+        words.resize(sources as usize + most, [0; 4]);
+        let info = SceneInfo {
             lights,
-        } = self.starts;
-        SceneInfo {
-            starts: [0, materials, texture_refs, textures, levels, lights],
             instance_count: scene.instances.len() as u32,
             light_count: scene.lights.len() as u32,
             bounds_min: bounds.min.to_array(),
             material_count: scene.materials.len() as u32,
             bounds_max: bounds.max.to_array(),
-            padding: 0,
-        }
+            emitters: first_emitter,
+            emitter_count,
+            sources,
+            source_count,
+            ..SceneInfo::default()
+        };
+        Self { words, info }
     }
 }
 
-/// What moves: the beginning of the tables, as it is for these instances and lights.
-pub(super) fn moving_records(scene: &Scene, places: &[MeshPlace]) -> Vec<Word> {
-    instance_records(scene, places, &scene.transforms())
-        .flatten()
-        .chain(scene.lights.iter().flat_map(light_record))
-        .collect()
-}
+/// In the place of an instance: a source without geometry.
+const LIGHT: u32 = NONE - 1;
 
 fn instance_records<'a>(
     scene: &'a Scene,
