@@ -194,7 +194,7 @@ fn on_gpu(
     order: Order<'_>,
     progress: &dyn Progress,
 ) -> Result<Made> {
-    let mut integrator = gpu::reference::Integrator::new(&gpu.context)?;
+    let mut integrator = gpu::reference::Integrator::new(&gpu.context);
     let world = gpu::reference::World {
         scene,
         gpu_scene: &gpu.scene,

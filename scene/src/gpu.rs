@@ -41,6 +41,7 @@
 //! technique has 3. What lies in textures is read by other shaders: a technique tells its [`Linker`] of the scene and
 //! the tracer that it binds.
 
+mod compute;
 mod context;
 mod gbuffer;
 mod raster;
@@ -56,6 +57,7 @@ mod view;
 mod words;
 
 pub use self::{
+    compute::{ComputePass, Dispatch, UniformArray},
     context::{Adapter, AdapterChoice, Context, adapters},
     gbuffer::{GBuffer, GBufferPass, GBufferViews},
     rasters::Rasters,

@@ -70,7 +70,7 @@ impl Lab {
     }
 
     fn on(context: Context) -> Option<Self> {
-        let integrator = gpu::Integrator::new(&context).unwrap();
+        let integrator = gpu::Integrator::new(&context);
         Some(Self {
             context,
             integrator,

@@ -150,7 +150,7 @@ fn check_reference(
         secondary,
     };
     let none = &|_, _| {};
-    let mut integrator = reference::Integrator::new(context).unwrap();
+    let mut integrator = reference::Integrator::new(context);
     let rendered = integrator.render(world, &camera, [8, 8], quantities, &settings, none);
     let baked = integrator.bake(world, &receivers, quantities, &settings, none);
     let expected = match exact.answers() {

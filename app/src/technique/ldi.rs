@@ -201,7 +201,7 @@ fn on_gpu(
     for pass in &mut stages.passes {
         pass.seconds = gpu_seconds.get(pass.name).copied().unwrap_or_default();
     }
-    let integrator = Integrator::new(context)?;
+    let integrator = Integrator::new(context);
     let layers = integrator.layers(world, order.camera, order.size, Normals::Smooth)?;
     Ok(made(stages, layers, &order, gpu_seconds))
 }

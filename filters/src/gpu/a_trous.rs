@@ -5,8 +5,8 @@ use isophote_scene::gpu::Context;
 use wgpu::{BindingResource, TextureView};
 
 use super::{
-    guides::{Guides, SLOTS},
-    pass::{EdgeParams, Format, Pass, Slot, expect_size, texture, whole},
+    guides::Guides,
+    pass::{EdgeParams, Format, Pass, expect_size, texture, whole},
 };
 use crate::Result;
 
@@ -39,8 +39,6 @@ impl ATrous {
         size: [u32; 2],
         format: Format,
     ) -> Result<Self> {
-        let mut slots = vec![(1, Slot::Texture), (2, Slot::Output(format.texture()))];
-        slots.extend(SLOTS);
         let level = |level: usize| {
             let params = Level {
                 stop: filter.edges.into(),
@@ -48,13 +46,7 @@ impl ATrous {
                 per_square: filter.per_square(level),
                 padding: [0; 2],
             };
-            Pass::new(
-                context,
-                ["a_trous", "smooth_level"],
-                format,
-                &params,
-                &slots,
-            )
+            Pass::new(context, ["a_trous", "smooth_level"], format, &params)
         };
         let between = || -> Result<TextureView> {
             let texture = texture(context, "between levels", size, format.texture())?;
@@ -89,9 +81,8 @@ impl ATrous {
             } else {
                 &self.between[number % 2]
             };
-            let [from, to] = [source, target].map(BindingResource::TextureView);
-            let [surfaces, slopes] = guides.resources();
-            level.record(context, encoder, self.size, &[from, to, surfaces, slopes])?;
+            let resources = [source, target].map(BindingResource::TextureView);
+            level.record(context, encoder, self.size, &resources, Some(guides))?;
             source = target;
         }
         Ok(())

@@ -5,8 +5,8 @@ use isophote_scene::gpu::Context;
 use wgpu::{BindingResource, TextureView};
 
 use super::{
-    guides::{Guides, SLOTS},
-    pass::{Format, Pass, Slot, expect_size},
+    guides::Guides,
+    pass::{Format, Pass, expect_size},
 };
 use crate::Result;
 
@@ -38,10 +38,8 @@ impl DiscontinuityBuffer {
             cosine: filter.thresholds.cosine(),
             depth: filter.thresholds.depth.min(f32::MAX),
         };
-        let mut slots = vec![(1, Slot::Texture), (2, Slot::Output(format.texture()))];
-        slots.extend(SLOTS);
         let shader = ["discontinuity", "join_tiles"];
-        Ok(Self(Pass::new(context, shader, format, &params, &slots)?))
+        Ok(Self(Pass::new(context, shader, format, &params)?))
     }
 
     /// Filters `image` into `output`, both of the size of the guides.
@@ -58,9 +56,8 @@ impl DiscontinuityBuffer {
     ) -> Result<()> {
         expect_size("the image", image, guides.size())?;
         expect_size("the output", output, guides.size())?;
-        let [image, output] = [image, output].map(BindingResource::TextureView);
-        let [surfaces, slopes] = guides.resources();
-        let resources = [image, output, surfaces, slopes];
-        self.0.record(context, encoder, guides.size(), &resources)
+        let resources = [image, output].map(BindingResource::TextureView);
+        self.0
+            .record(context, encoder, guides.size(), &resources, Some(guides))
     }
 }

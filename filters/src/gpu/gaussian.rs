@@ -5,8 +5,8 @@ use isophote_scene::gpu::Context;
 use wgpu::{BindingResource, TextureView};
 
 use super::{
-    guides::{Guides, SLOTS},
-    pass::{EdgeParams, Format, Pass, Slot, expect_size, texture, whole},
+    guides::Guides,
+    pass::{EdgeParams, Format, Pass, expect_size, texture, whole},
 };
 use crate::{EdgeStop, Result, error::require};
 
@@ -42,14 +42,6 @@ impl Gaussian {
         size: [u32; 2],
         format: Format,
     ) -> Result<Self> {
-        let mut slots = vec![
-            (1, Slot::Texture),
-            (2, Slot::Output(format.texture())),
-            (3, Slot::Storage),
-        ];
-        if edges.is_some() {
-            slots.extend(SLOTS);
-        }
         let pass = |direction| {
             let params = Params {
                 stop: edges.unwrap_or_default().into(),
@@ -62,7 +54,7 @@ impl Gaussian {
             } else {
                 "blur"
             };
-            Pass::new(context, ["gaussian", entry_point], format, &params, &slots)
+            Pass::new(context, ["gaussian", entry_point], format, &params)
         };
         let half = texture(context, "Gaussian, half done", size, format.texture())?;
         Ok(Self {
@@ -105,13 +97,12 @@ impl Gaussian {
         }
         let targets = [(image, &self.half), (&self.half, output)];
         for (pass, (source, target)) in self.passes.iter().zip(targets) {
-            let mut resources = vec![
+            let resources = [
                 BindingResource::TextureView(source),
                 BindingResource::TextureView(target),
                 self.weights.as_entire_binding(),
             ];
-            resources.extend(guides.into_iter().flat_map(Guides::resources));
-            pass.record(context, encoder, self.size, &resources)?;
+            pass.record(context, encoder, self.size, &resources, guides)?;
         }
         Ok(())
     }

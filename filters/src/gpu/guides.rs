@@ -4,11 +4,11 @@ use bytemuck::{Pod, Zeroable};
 use isophote_scene::gpu::Context;
 use wgpu::{BindingResource, TextureFormat, TextureView};
 
-use super::pass::{Format, Pass, Slot, expect_size, texture, whole};
+use super::pass::{Format, Pass, expect_size, texture, whole};
 use crate::{MAX_SIDE, Pinhole, Result};
 
 /// The bindings that edges.wesl reads guides from.
-pub(super) const SLOTS: [(u32, Slot); 2] = [(10, Slot::Texture), (11, Slot::Texture)];
+const BINDINGS: [u32; 2] = [10, 11];
 
 /// Normals and depths of a picture of one size, prepared for the filters; [`record`](Self::record) prepares them anew
 /// for each picture. Twin of [`crate::Guides`].
@@ -69,12 +69,6 @@ impl Guides {
             ["prepare_guides", "prepare_guides"],
             Format::Single,
             &CameraParams::from(camera),
-            &[
-                (1, Slot::Texture),
-                (2, Slot::Texture),
-                (3, Slot::Output(format)),
-                (4, Slot::Output(format)),
-            ],
         )?;
         let surfaces = texture(context, "normals and inverse depths", size, format)?;
         let slopes = texture(context, "slopes of tangent planes", size, format)?;
@@ -106,11 +100,10 @@ impl Guides {
     ) -> Result<()> {
         expect_size("the normals", normals, self.size)?;
         expect_size("the depths", depths, self.size)?;
-        let [surfaces, slopes] = self.resources();
-        let textures = [normals, depths].map(BindingResource::TextureView);
-        let [normals, depths] = textures;
-        let resources = [normals, depths, surfaces, slopes];
-        self.pass.record(context, encoder, self.size, &resources)
+        let [surfaces, slopes] = &self.views;
+        let resources = [normals, depths, surfaces, slopes].map(BindingResource::TextureView);
+        self.pass
+            .record(context, encoder, self.size, &resources, None)
     }
 
     /// Width and height in pixels.
@@ -122,8 +115,9 @@ impl Guides {
         &self.views[0]
     }
 
-    /// What goes to [`SLOTS`].
-    pub(super) fn resources(&self) -> [BindingResource<'_>; 2] {
-        [&self.views[0], &self.views[1]].map(BindingResource::TextureView)
+    /// What edges.wesl reads.
+    pub(super) fn resources(&self) -> impl Iterator<Item = (u32, BindingResource<'_>)> {
+        let views = self.views.iter().map(BindingResource::TextureView);
+        BINDINGS.into_iter().zip(views)
     }
 }

@@ -1,14 +1,11 @@
 //! One compute pass: a pipeline, its parameters, and the textures it is given each time.
 
 use bytemuck::{Pod, Zeroable};
-use isophote_scene::gpu::{Context, Linker};
-use wgpu::{BindingResource, BindingType, ShaderStages, TextureView};
+use isophote_scene::gpu::{ComputePass, Context, Dispatch, Linker};
+use wgpu::{BindingResource, TextureView};
 
-use super::SHADERS;
+use super::{Guides, SHADERS};
 use crate::{Error, Result, guides::EdgeKernel};
-
-/// Pixels on a side of a workgroup, as all shaders of this crate have it.
-const WORKGROUP: u32 = 8;
 
 /// What a filter writes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -66,65 +63,29 @@ pub(super) fn whole(texture: &wgpu::Texture) -> TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor::default())
 }
 
-/// What a shader binds.
-#[derive(Clone, Copy)]
-pub(super) enum Slot {
-    Texture,
-    Output(wgpu::TextureFormat),
-    Storage,
-}
-
 pub(super) struct Pass {
     label: &'static str,
-    pipeline: wgpu::ComputePipeline,
-    layout: wgpu::BindGroupLayout,
+    compute: ComputePass,
     params: wgpu::Buffer,
-    slots: Vec<u32>,
 }
 
 impl Pass {
-    /// A pass of an entry point of a module of this crate, with its parameters in binding 0 and `slots` in others.
+    /// A pass of an entry point of a module of this crate, with its parameters in binding 0.
     pub(super) fn new<T: Pod>(
         context: &Context,
         [module, entry_point]: [&'static str; 2],
         format: Format,
         params: &T,
-        slots: &[(u32, Slot)],
     ) -> Result<Self> {
         let shader = Linker::default()
             .package(SHADERS)
             .feature("half", format == Format::Half)
             .link(&format!("filters::{module}"))?;
-        let entry = |binding, ty| wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility: ShaderStages::COMPUTE,
-            ty,
-            count: None,
-        };
-        let uniform = BindingType::Buffer {
-            ty: wgpu::BufferBindingType::Uniform,
-            has_dynamic_offset: false,
-            min_binding_size: None,
-        };
-        let mut entries = vec![entry(0, uniform)];
-        entries.extend(
-            slots
-                .iter()
-                .map(|&(binding, slot)| entry(binding, slot.ty())),
-        );
-        let layout = context.check(entry_point, |device| {
-            device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-                label: Some(entry_point),
-                entries: &entries,
-            })
-        })?;
         let usage = wgpu::BufferUsages::UNIFORM;
         Ok(Self {
             label: entry_point,
-            pipeline: shader.compute_pipeline(context, entry_point, &[&layout])?,
-            layout,
+            compute: shader.compute_pass(context, entry_point, &[], &[])?,
             params: context.buffer(entry_point, std::slice::from_ref(params), usage)?,
-            slots: slots.iter().map(|(binding, _)| *binding).collect(),
         })
     }
 
@@ -135,36 +96,24 @@ impl Pass {
             .write_buffer(&self.params, 0, bytemuck::bytes_of(params));
     }
 
-    /// Records the pass over `size` pixels with what its slots hold, in their order.
+    /// Records the pass over `size` pixels with what it is given this time, in the order of its bindings from 1 on, and with
+    /// the guides where edges.wesl reads them.
     pub(super) fn record(
         &self,
         context: &Context,
         encoder: &mut wgpu::CommandEncoder,
         size: [u32; 2],
         resources: &[BindingResource<'_>],
+        guides: Option<&Guides>,
     ) -> Result<()> {
-        let slots = self.slots.iter().zip(resources);
-        let slots = slots.map(|(&binding, resource)| (binding, resource.clone()));
-        let params = (0, self.params.as_entire_binding());
-        let entries: Vec<_> = std::iter::once(params)
-            .chain(slots)
-            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
-            .collect();
-        let group = context.check(self.label, |device| {
-            device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some(self.label),
-                layout: &self.layout,
-                entries: &entries,
-            })
-        })?;
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some(self.label),
-            timestamp_writes: None,
-        });
-        pass.set_pipeline(&self.pipeline);
-        pass.set_bind_group(0, &group, &[]);
-        let [columns, rows] = size.map(|side| side.div_ceil(WORKGROUP));
-        pass.dispatch_workgroups(columns, rows, 1);
+        let params = [(0, self.params.as_entire_binding())];
+        let numbered = (1..).zip(resources.iter().cloned());
+        let guides = guides.into_iter().flat_map(Guides::resources);
+        let all: Vec<_> = params.into_iter().chain(numbered).chain(guides).collect();
+        let group = self.compute.bind(context, &all)?;
+        let pixels = [Dispatch::over_pixels(size)];
+        self.compute
+            .record(encoder, self.label, None, &[&group], &pixels);
         Ok(())
     }
 }
@@ -172,28 +121,6 @@ impl Pass {
 impl std::fmt::Debug for Pass {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_tuple("Pass").field(&self.label).finish()
-    }
-}
-
-impl Slot {
-    const fn ty(self) -> BindingType {
-        match self {
-            Self::Texture => BindingType::Texture {
-                sample_type: wgpu::TextureSampleType::Float { filterable: false },
-                view_dimension: wgpu::TextureViewDimension::D2,
-                multisampled: false,
-            },
-            Self::Output(format) => BindingType::StorageTexture {
-                access: wgpu::StorageTextureAccess::WriteOnly,
-                format,
-                view_dimension: wgpu::TextureViewDimension::D2,
-            },
-            Self::Storage => BindingType::Buffer {
-                ty: wgpu::BufferBindingType::Storage { read_only: true },
-                has_dynamic_offset: false,
-                min_binding_size: None,
-            },
-        }
     }
 }
 

@@ -5,8 +5,8 @@ use isophote_scene::gpu::Context;
 use wgpu::{BindingResource, TextureFormat, TextureView};
 
 use super::{
-    guides::{CameraParams, Guides, SLOTS},
-    pass::{Format, Pass, Slot, expect_size, texture, whole},
+    guides::{CameraParams, Guides},
+    pass::{Format, Pass, expect_size, texture, whole},
 };
 use crate::{Pinhole, Result};
 
@@ -51,17 +51,6 @@ impl Temporal {
         format: Format,
     ) -> Result<Self> {
         let params = &filter.params;
-        let mut slots = vec![
-            (1, Slot::Texture),
-            (2, Slot::Output(format.texture())),
-            (3, Slot::Texture),
-            (4, Slot::Texture),
-            (5, Slot::Texture),
-            (6, Slot::Texture),
-            (7, Slot::Texture),
-            (8, Slot::Output(TextureFormat::R32Float)),
-        ];
-        slots.extend(SLOTS);
         let pass = |continued| {
             let params = Params {
                 max_pictures: params.max_pictures as f32,
@@ -75,7 +64,7 @@ impl Temporal {
                 continued,
                 padding: [0; 3],
             };
-            Pass::new(context, ["temporal", "accumulate"], format, &params, &slots)
+            Pass::new(context, ["temporal", "accumulate"], format, &params)
         };
         let make = |label, format| texture(context, label, size, format);
         let values = || -> Result<TextureView> {
@@ -120,7 +109,6 @@ impl Temporal {
         let pass = &self.passes[usize::from(self.count > 0)];
         let new = (self.count % 2) as usize;
         let former = [whole(&self.surfaces), whole(&self.slopes)];
-        let [surfaces, slopes] = guides.resources();
         let view = BindingResource::TextureView;
         let resources = [
             view(image),
@@ -131,10 +119,8 @@ impl Temporal {
             view(&former[1]),
             view(motion),
             view(&self.lengths[new]),
-            surfaces,
-            slopes,
         ];
-        pass.record(context, encoder, self.size, &resources)?;
+        pass.record(context, encoder, self.size, &resources, Some(guides))?;
         let extent = self.surfaces.size();
         for (from, to) in [
             (&guides.surfaces, &self.surfaces),
@@ -184,10 +170,6 @@ impl CameraMotion {
             ["camera_motion", "move_camera"],
             Format::Single,
             &Self::params(now, before),
-            &[
-                (1, Slot::Texture),
-                (2, Slot::Output(TextureFormat::Rgba32Float)),
-            ],
         )?))
     }
 
@@ -210,7 +192,7 @@ impl CameraMotion {
         let size = [motion.texture().width(), motion.texture().height()];
         expect_size("the depths", depths, size)?;
         let resources = [depths, motion].map(BindingResource::TextureView);
-        self.0.record(context, encoder, size, &resources)
+        self.0.record(context, encoder, size, &resources, None)
     }
 
     fn params(now: &Pinhole, before: &Pinhole) -> Cameras {

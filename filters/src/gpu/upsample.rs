@@ -5,8 +5,8 @@ use isophote_scene::gpu::Context;
 use wgpu::{BindingResource, TextureView};
 
 use super::{
-    guides::{Guides, SLOTS},
-    pass::{EdgeParams, Format, Pass, Slot, expect_size},
+    guides::Guides,
+    pass::{EdgeParams, Format, Pass, expect_size},
 };
 use crate::{
     Neighborhood, Result,
@@ -110,10 +110,8 @@ impl Upsampler {
             sigma: upsampling.around.sigma,
             padding: [0; 2],
         };
-        let mut slots = vec![(1, Slot::Texture), (2, Slot::Output(format.texture()))];
-        slots.extend(SLOTS);
         Ok(Self {
-            pass: Pass::new(context, ["upsample", "upsample"], format, &params, &slots)?,
+            pass: Pass::new(context, ["upsample", "upsample"], format, &params)?,
             factor: upsampling.factor,
         })
     }
@@ -134,10 +132,8 @@ impl Upsampler {
             coarse.map(|side| side as u32),
         )?;
         expect_size("the output", output, guides.size())?;
-        let [samples, output] = [samples, output].map(BindingResource::TextureView);
-        let [surfaces, slopes] = guides.resources();
-        let resources = [samples, output, surfaces, slopes];
+        let resources = [samples, output].map(BindingResource::TextureView);
         self.pass
-            .record(context, encoder, guides.size(), &resources)
+            .record(context, encoder, guides.size(), &resources, Some(guides))
     }
 }

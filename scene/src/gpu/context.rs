@@ -355,6 +355,25 @@ impl Context {
         })
     }
 
+    /// A buffer of zeros that shaders write, also `COPY_DST` and `COPY_SRC`; of at least 16 bytes.
+    ///
+    /// # Errors
+    /// [`Error::GpuLimit`] when the device could not bind it as a whole, [`Error::Gpu`] when memory is out.
+    pub fn storage(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer> {
+        let size = bytes.max(16).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT);
+        self.check_storage_size(label, size)?;
+        self.check(label, |device| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size,
+                usage: wgpu::BufferUsages::STORAGE
+                    | wgpu::BufferUsages::COPY_SRC
+                    | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        })
+    }
+
     /// Refuses a buffer that the device could not bind to a shader as a whole. To be asked before it is filled.
     ///
     /// # Errors

@@ -9,9 +9,9 @@
 
 mod locate;
 
-use std::borrow::Cow;
+use std::{borrow::Cow, sync::Arc};
 
-use naga::valid::{Capabilities, ValidationFlags, Validator};
+use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 use wesl::{
     CompileOptions, Diagnostic, EscapeMangler, ModulePath, ResolveError, Resolver,
     syntax::{PathOrigin, TranslationUnit},
@@ -143,12 +143,12 @@ impl Linker {
         }
         let linked = wesl::compile(&path, self, &EscapeMangler, &options)
             .map_err(|error| self.shader_error(&path, error.into()))?;
-        let shader = Shader {
+        let wgsl = linked.to_string();
+        Ok(Shader {
             name: module.into(),
-            wgsl: linked.to_string(),
-        };
-        self.validate(&shader, &path)?;
-        Ok(shader)
+            checked: Arc::new(self.validate(&wgsl, &path)?),
+            wgsl,
+        })
     }
 
     /// `package::folder::module` as a path from the root.
@@ -179,22 +179,22 @@ impl Linker {
         Some((format!("{folder}/shaders/{name}.wesl"), text))
     }
 
-    fn validate(&self, shader: &Shader, root: &ModulePath) -> Result<()> {
+    fn validate(&self, wgsl: &str, root: &ModulePath) -> Result<(naga::Module, ModuleInfo)> {
         let error = |span: Option<naga::Span>, message: String| {
             let at = span.and_then(naga::Span::to_range).unwrap_or(0..0);
-            let (file, line) = locate::line(&shader.wgsl, at.start, root, &|path| self.find(path));
+            let (file, line) = locate::line(wgsl, at.start, root, &|path| self.find(path));
             Error::Shader {
                 file,
                 line,
                 message,
             }
         };
-        let module = naga::front::wgsl::parse_str(&shader.wgsl).map_err(|parse| {
+        let module = naga::front::wgsl::parse_str(wgsl).map_err(|parse| {
             let notes: Vec<&str> = parse.labels().map(|(_, label)| label).collect();
             let span = parse.labels().next().map(|(span, _)| span);
             error(span, join(parse.message(), &notes))
         })?;
-        Validator::new(ValidationFlags::all(), Capabilities::all())
+        let info = Validator::new(ValidationFlags::all(), Capabilities::all())
             .validate(&module)
             .map_err(|invalid| {
                 let notes: Vec<&str> = invalid.spans().map(|(_, label)| label.as_str()).collect();
@@ -205,7 +205,7 @@ impl Linker {
                 let span = spans.min_by_key(size);
                 error(span, join(&with_causes(invalid.as_inner()), &notes))
             })?;
-        Ok(())
+        Ok((module, info))
     }
 
     /// An error that the linker found: in a module, or in a declaration of the linked text.
@@ -289,6 +289,7 @@ impl Resolver for Linker {
 pub struct Shader {
     name: String,
     wgsl: String,
+    checked: Arc<(naga::Module, ModuleInfo)>,
 }
 
 impl Shader {
@@ -300,6 +301,11 @@ impl Shader {
     /// The linked WGSL.
     pub fn wgsl(&self) -> &str {
         &self.wgsl
+    }
+
+    /// What it consists of, and what of that each entry point uses.
+    pub(super) fn module_and_info(&self) -> (&naga::Module, &ModuleInfo) {
+        (&self.checked.0, &self.checked.1)
     }
 
     /// Makes it known to a device.

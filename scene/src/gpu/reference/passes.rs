@@ -1,18 +1,18 @@
 //! The passes as pipelines, and what they bind.
 
-use std::collections::HashMap;
+use std::{collections::HashMap, sync::Arc};
 
 use super::World;
 use crate::{
     Result,
-    gpu::{Context, GpuScene, GpuTracer, Linker},
+    gpu::{ComputePass, Context, GpuScene, GpuTracer, Linker},
     reference::Wanted,
 };
 
 /// A pass, and the bind group of the tracer that answers its rays.
 pub(super) struct Pass {
     pub(super) name: &'static str,
-    pub(super) pipeline: wgpu::ComputePipeline,
+    pub(super) compute: Arc<ComputePass>,
     pub(super) tracer: wgpu::BindGroup,
 }
 
@@ -25,23 +25,14 @@ struct Link {
     scene_in_textures: bool,
 }
 
-/// The pipelines that have been needed so far.
-#[derive(Debug)]
-pub(super) struct Passes {
-    /// By how they were linked.
-    pipelines: HashMap<Link, wgpu::ComputePipeline>,
-    /// Of group 0: settings, piece, starts, sums.
-    pub(super) layout: wgpu::BindGroupLayout,
-}
+/// The passes that have been needed so far, by how they were linked.
+#[derive(Debug, Default)]
+pub(super) struct Passes(HashMap<Link, Arc<ComputePass>>);
+
+/// The binding of the piece.
+const PIECE: u32 = 1;
 
 impl Passes {
-    pub(super) fn new(context: &Context) -> Result<Self> {
-        Ok(Self {
-            pipelines: HashMap::new(),
-            layout: layout(context)?,
-        })
-    }
-
     /// The passes that some quantities need, in their order.
     pub(super) fn choose(
         &mut self,
@@ -67,67 +58,36 @@ impl Passes {
             .map(|(name, _, tracer)| {
                 Ok(Pass {
                     name,
-                    pipeline: self.pipeline(context, world.gpu_scene, name, tracer)?,
+                    compute: self.pass(context, world.gpu_scene, name, tracer)?,
                     tracer: tracer.bind_group().clone(),
                 })
             })
             .collect()
     }
 
-    fn pipeline(
+    fn pass(
         &mut self,
         context: &Context,
         scene: &GpuScene,
         name: &'static str,
         tracer: &dyn GpuTracer,
-    ) -> Result<wgpu::ComputePipeline> {
+    ) -> Result<Arc<ComputePass>> {
         let link = Link {
             pass: name,
             tracer: tracer.module(),
             flags: tracer.shader_flags().to_vec(),
             scene_in_textures: scene.is_in_textures(),
         };
-        if let Some(pipeline) = self.pipelines.get(&link) {
-            return Ok(pipeline.clone());
+        if let Some(pass) = self.0.get(&link) {
+            return Ok(pass.clone());
         }
         let shader = Linker::default()
             .scene(scene)
             .tracer(tracer)
             .link(&format!("scene::reference::{name}"))?;
-        let layouts = [
-            &self.layout,
-            tracer.bind_group_layout(),
-            scene.bind_group_layout(),
-        ];
-        let pipeline = shader.compute_pipeline(context, name, &layouts)?;
-        self.pipelines.insert(link, pipeline.clone());
-        Ok(pipeline)
+        let groups = [tracer.bind_group_layout(), scene.bind_group_layout()];
+        let pass = Arc::new(shader.compute_pass(context, name, &groups, &[PIECE])?);
+        self.0.insert(link, pass.clone());
+        Ok(pass)
     }
-}
-
-fn layout(context: &Context) -> Result<wgpu::BindGroupLayout> {
-    let entry = |(binding, ty, has_dynamic_offset)| wgpu::BindGroupLayoutEntry {
-        binding,
-        visibility: wgpu::ShaderStages::COMPUTE,
-        ty: wgpu::BindingType::Buffer {
-            ty,
-            has_dynamic_offset,
-            min_binding_size: None,
-        },
-        count: None,
-    };
-    let written = wgpu::BufferBindingType::Storage { read_only: false };
-    let entries = [
-        (0, wgpu::BufferBindingType::Uniform, false),
-        (1, wgpu::BufferBindingType::Uniform, true),
-        (2, written, false),
-        (3, written, false),
-    ]
-    .map(entry);
-    context.check("reference", |device| {
-        device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("reference"),
-            entries: &entries,
-        })
-    })
 }

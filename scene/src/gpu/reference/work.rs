@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    gpu::{Context, PassTime, Timer, upload::entries},
+    gpu::{Context, Dispatch, PassTime, Timer, UniformArray},
     reference::Progress,
 };
 
@@ -27,8 +27,6 @@ const MOST: u32 = 1 << 26;
 const LARGEST_PIECE: u32 = 1 << 21;
 /// Most pieces in a submission.
 const PIECES: u32 = 64;
-/// Where each piece lies in its buffer; every device takes this as an offset.
-const STRIDE: usize = 256;
 const WORKGROUP: u32 = 64;
 /// Most bytes of sums at a time.
 const BAND_BYTES: u64 = 1 << 28;
@@ -84,7 +82,6 @@ impl Place {
 pub(super) struct Work<'a> {
     pub(super) context: &'a Context,
     pub(super) passes: Vec<Pass>,
-    pub(super) layout: &'a wgpu::BindGroupLayout,
     pub(super) scene: &'a wgpu::BindGroup,
     pub(super) settings: wgpu::Buffer,
     /// `None` for a camera's pixels.
@@ -99,9 +96,10 @@ pub(super) struct Work<'a> {
 struct Band<'a> {
     work: &'a Work<'a>,
     place: Place,
-    pieces: wgpu::Buffer,
+    pieces: UniformArray<Piece>,
     sums: wgpu::Buffer,
-    group: wgpu::BindGroup,
+    /// Group 0 of every pass.
+    groups: Vec<wgpu::BindGroup>,
 }
 
 impl Work<'_> {
@@ -147,30 +145,24 @@ impl Work<'_> {
         Ok(sums)
     }
 
-    /// Group 0.
+    /// Group 0 of every pass.
     fn bind(
         &self,
-        pieces: &wgpu::Buffer,
+        pieces: &UniformArray<Piece>,
         starts: &wgpu::Buffer,
         sums: &wgpu::Buffer,
-    ) -> Result<wgpu::BindGroup> {
-        let piece = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
-            buffer: pieces,
-            offset: 0,
-            size: wgpu::BufferSize::new(size_of::<Piece>() as u64),
-        });
-        self.context.check("reference", |device| {
-            device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some("reference"),
-                layout: self.layout,
-                entries: &entries([
-                    self.settings.as_entire_binding(),
-                    piece,
-                    starts.as_entire_binding(),
-                    sums.as_entire_binding(),
-                ]),
-            })
-        })
+    ) -> Result<Vec<wgpu::BindGroup>> {
+        let resources = [
+            self.settings.as_entire_binding(),
+            pieces.binding(),
+            starts.as_entire_binding(),
+            sums.as_entire_binding(),
+        ];
+        let resources: Vec<_> = (0..).zip(resources).collect();
+        let passes = self.passes.iter();
+        passes
+            .map(|pass| pass.compute.bind(self.context, &resources))
+            .collect()
     }
 
     /// Of how many slots the sums, and the receivers, can be bound.
@@ -190,29 +182,17 @@ impl<'a> Band<'a> {
     fn new(work: &'a Work<'a>, slots: Range<u32>) -> Result<Self> {
         let context = work.context;
         let count = slots.end - slots.start;
-        let storage = |label, bytes: u64| {
-            context.check_storage_size(label, bytes)?;
-            context.check(label, |device| {
-                device.create_buffer(&wgpu::BufferDescriptor {
-                    label: Some(label),
-                    size: bytes,
-                    usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
-                    mapped_at_creation: false,
-                })
-            })
-        };
         let starts = match work.receivers {
             Some(words) => {
                 let words = &words[slots.start as usize / 2..slots.end as usize / 2];
                 context.buffer("receivers", words, wgpu::BufferUsages::STORAGE)?
             }
-            None => storage("camera hits", 16 * u64::from(count.min(LARGEST_PIECE)))?,
+            None => context.storage("camera hits", 16 * u64::from(count.min(LARGEST_PIECE)))?,
         };
         // The device clears it.
-        let sums = storage("sums", 4 * u64::from(work.record) * u64::from(count))?;
-        let pieces = vec![0_u8; STRIDE * PIECES as usize];
-        let pieces = context.buffer("pieces", &pieces, wgpu::BufferUsages::UNIFORM)?;
-        let group = work.bind(&pieces, &starts, &sums)?;
+        let sums = context.storage("sums", 4 * u64::from(work.record) * u64::from(count))?;
+        let pieces = UniformArray::new(context, "pieces", &[Piece::zeroed(); PIECES as usize])?;
+        let groups = work.bind(&pieces, &starts, &sums)?;
         Ok(Self {
             work,
             place: Place {
@@ -223,7 +203,7 @@ impl<'a> Band<'a> {
             },
             pieces,
             sums,
-            group,
+            groups,
         })
     }
 
@@ -241,13 +221,9 @@ impl<'a> Band<'a> {
         if pieces.is_empty() {
             return Ok(0);
         }
-        let mut bytes = vec![0; STRIDE * pieces.len()];
-        for (place, piece) in bytes.chunks_exact_mut(STRIDE).zip(&pieces) {
-            place[..size_of::<Piece>()].copy_from_slice(bytemuck::bytes_of(piece));
-        }
         let context = self.work.context;
         context.check("reference", |device| {
-            context.queue().write_buffer(&self.pieces, 0, &bytes);
+            self.pieces.write(context, &pieces);
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor {
                 label: Some("reference"),
             });
@@ -267,16 +243,15 @@ impl<'a> Band<'a> {
         piece: &Piece,
         timer: &mut Timer,
     ) {
-        for one in &self.work.passes {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                label: Some(one.name),
-                timestamp_writes: timer.compute(one.name),
-            });
-            pass.set_pipeline(&one.pipeline);
-            pass.set_bind_group(0, &self.group, &[index * STRIDE as u32]);
-            pass.set_bind_group(1, &one.tracer, &[]);
-            pass.set_bind_group(2, self.work.scene, &[]);
-            pass.dispatch_workgroups(piece.count.div_ceil(WORKGROUP), 1, 1);
+        let dispatch = Dispatch {
+            offset: Some(UniformArray::<Piece>::offset(index)),
+            workgroups: [piece.count.div_ceil(WORKGROUP), 1, 1],
+        };
+        for (one, group) in self.work.passes.iter().zip(&self.groups) {
+            let groups = [group, &one.tracer, self.work.scene];
+            let timer = Some(&mut *timer);
+            one.compute
+                .record(encoder, one.name, timer, &groups, &[dispatch]);
         }
     }
 

@@ -1,6 +1,9 @@
 //! Rays in bulk: upload, trace, read back, in pieces that no driver's watchdog minds.
 
-use std::time::{Duration, Instant};
+use std::{
+    sync::Arc,
+    time::{Duration, Instant},
+};
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec2;
@@ -8,15 +11,14 @@ use glam::Vec2;
 use super::GpuTracer;
 use crate::{
     Error, Hit, Ray, Result, SurfaceId,
-    gpu::{Context, GpuScene, Linker, Timer, upload::entries},
+    gpu::{ComputePass, Context, Dispatch, GpuScene, Linker, Timer},
 };
 
 /// Asks a [`GpuTracer`] about many rays.
 #[derive(Debug)]
 pub struct RayBatch {
-    closest: wgpu::ComputePipeline,
-    any: wgpu::ComputePipeline,
-    layout: wgpu::BindGroupLayout,
+    closest: Arc<Question>,
+    any: Arc<Question>,
     batch: wgpu::Buffer,
     rays: wgpu::Buffer,
     answers: wgpu::Buffer,
@@ -25,6 +27,13 @@ pub struct RayBatch {
     /// Rays in the next dispatch: as many as take a moment.
     piece: u32,
     kernel_time: Duration,
+}
+
+/// One of the two things that rays ask, and what it binds.
+#[derive(Debug)]
+struct Question {
+    pass: ComputePass,
+    group: wgpu::BindGroup,
 }
 
 /// `scene::ray::Hit` as it lies in a buffer.
@@ -66,48 +75,32 @@ impl RayBatch {
             .scene(scene)
             .tracer(tracer)
             .link("scene::trace_batch")?;
-        let device = context.device();
-        let layout = context.check("ray batch", |device| {
-            device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-                label: Some("ray batch"),
-                entries: &layout_entries(),
-            })
-        })?;
-        let groups = [
-            &layout,
-            tracer.bind_group_layout(),
-            scene.bind_group_layout(),
-        ];
-        let limits = device.limits();
+        let groups = [tracer.bind_group_layout(), scene.bind_group_layout()];
+        let limits = context.device().limits();
         let most = limits
             .max_storage_buffer_binding_size
             .min(limits.max_buffer_size);
         let capacity = (most / size_of::<Ray>() as u64).min(u64::from(LARGEST_PIECE)) as u32;
-        let storage = |label, bytes: usize| {
-            device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                size: u64::from(capacity) * bytes as u64,
-                usage: wgpu::BufferUsages::STORAGE
-                    | wgpu::BufferUsages::COPY_DST
-                    | wgpu::BufferUsages::COPY_SRC,
-                mapped_at_creation: false,
-            })
+        let storage =
+            |label, bytes: usize| context.storage(label, u64::from(capacity) * bytes as u64);
+        let rays = storage("rays", size_of::<Ray>())?;
+        let answers = storage("hits", size_of::<GpuHit>())?;
+        let first = Batch { count: 0, row: 0 };
+        let batch = context.buffer("ray batch", &[first], wgpu::BufferUsages::UNIFORM)?;
+        let resources = [
+            (0, batch.as_entire_binding()),
+            (1, rays.as_entire_binding()),
+            (2, answers.as_entire_binding()),
+        ];
+        let question = |entry_point| -> Result<_> {
+            let pass = shader.compute_pass(context, entry_point, &groups, &[])?;
+            let group = pass.bind(context, &resources)?;
+            Ok(Arc::new(Question { pass, group }))
         };
-        let (rays, answers) = context.check("ray batch", |_| {
-            (
-                storage("rays", size_of::<Ray>()),
-                storage("hits", size_of::<GpuHit>()),
-            )
-        })?;
         Ok(Self {
-            closest: shader.compute_pipeline(context, "closest_hits", &groups)?,
-            any: shader.compute_pipeline(context, "any_hits", &groups)?,
-            batch: context.buffer(
-                "ray batch",
-                &[Batch { count: 0, row: 0 }],
-                wgpu::BufferUsages::UNIFORM,
-            )?,
-            layout,
+            closest: question("closest_hits")?,
+            any: question("any_hits")?,
+            batch,
             rays,
             answers,
             capacity,
@@ -131,12 +124,12 @@ impl RayBatch {
         rays: &[Ray],
         hits: &mut [Option<Hit>],
     ) -> Result<()> {
-        let pipeline = self.closest.clone();
+        let question = self.closest.clone();
         self.run(
             context,
             scene,
             tracer,
-            &pipeline,
+            &question,
             rays,
             hits,
             |hit: &GpuHit| {
@@ -171,12 +164,12 @@ impl RayBatch {
         rays: &[Ray],
         hits: &mut [bool],
     ) -> Result<()> {
-        let pipeline = self.any.clone();
+        let question = self.any.clone();
         self.run(
             context,
             scene,
             tracer,
-            &pipeline,
+            &question,
             rays,
             hits,
             |&answer: &u32| match answer {
@@ -201,24 +194,13 @@ impl RayBatch {
         context: &Context,
         scene: &GpuScene,
         tracer: &dyn GpuTracer,
-        pipeline: &wgpu::ComputePipeline,
+        question: &Question,
         rays: &[Ray],
         answers: &mut [T],
         decode: impl Fn(&A) -> Result<T>,
     ) -> Result<()> {
         assert_eq!(rays.len(), answers.len(), "one answer per ray");
-        let bind_group = context.check("ray batch", |device| {
-            device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some("ray batch"),
-                layout: &self.layout,
-                entries: &entries([
-                    self.batch.as_entire_binding(),
-                    self.rays.as_entire_binding(),
-                    self.answers.as_entire_binding(),
-                ]),
-            })
-        })?;
-        let groups = [&bind_group, tracer.bind_group(), scene.bind_group()];
+        let groups = [&question.group, tracer.bind_group(), scene.bind_group()];
         let mut timer = Timer::new(context, 1);
         let mut done = 0;
         while done < rays.len() {
@@ -226,7 +208,7 @@ impl RayBatch {
             let start = Instant::now();
             self.dispatch(
                 context,
-                pipeline,
+                &question.pass,
                 &groups,
                 piece,
                 &mut timer,
@@ -250,7 +232,7 @@ impl RayBatch {
     fn dispatch(
         &self,
         context: &Context,
-        pipeline: &wgpu::ComputePipeline,
+        pass: &ComputePass,
         groups: &[&wgpu::BindGroup],
         rays: &[Ray],
         timer: &mut Timer,
@@ -280,16 +262,17 @@ impl RayBatch {
                 label: Some("tracing rays"),
             });
             encoder.clear_buffer(&self.answers, 0, Some((rays.len() * answer_bytes) as u64));
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-                label: Some("tracing rays"),
-                timestamp_writes: timer.compute("tracing rays"),
-            });
-            pass.set_pipeline(pipeline);
-            for (index, group) in (0..).zip(groups) {
-                pass.set_bind_group(index, *group, &[]);
-            }
-            pass.dispatch_workgroups(columns, rows, 1);
-            drop(pass);
+            let dispatch = Dispatch {
+                offset: None,
+                workgroups: [columns, rows, 1],
+            };
+            pass.record(
+                &mut encoder,
+                "tracing rays",
+                Some(timer),
+                groups,
+                &[dispatch],
+            );
             timer.resolve(&mut encoder);
             context.queue().submit([encoder.finish()]);
         })
@@ -303,28 +286,6 @@ impl RayBatch {
             self.piece = (self.piece * 2).min(self.capacity);
         }
     }
-}
-
-fn layout_entries() -> [wgpu::BindGroupLayoutEntry; 3] {
-    let mut binding = 0;
-    [
-        wgpu::BufferBindingType::Uniform,
-        wgpu::BufferBindingType::Storage { read_only: true },
-        wgpu::BufferBindingType::Storage { read_only: false },
-    ]
-    .map(|ty| {
-        binding += 1;
-        wgpu::BindGroupLayoutEntry {
-            binding: binding - 1,
-            visibility: wgpu::ShaderStages::COMPUTE,
-            ty: wgpu::BindingType::Buffer {
-                ty,
-                has_dynamic_offset: false,
-                min_binding_size: None,
-            },
-            count: None,
-        }
-    })
 }
 
 fn bad_answer(tracer: &dyn GpuTracer, answer: impl std::fmt::Display) -> Error {
