@@ -300,7 +300,17 @@ impl There {
     /// The pixels from `x` on in row `y`, all of which may lie outside.
     #[inline(always)]
     pub(crate) fn load(guides: &Rows, x: isize, y: isize) -> Option<Self> {
-        let lanes = |channel, outside| Some(load(guides.row(y, channel)?, x, outside));
+        Self::load_with(guides, y, |row, outside| load(row, x, outside))
+    }
+
+    /// Pixels of row `y` that `load` takes out of it, with the value for those outside.
+    #[inline(always)]
+    pub(crate) fn load_with(
+        guides: &Rows,
+        y: isize,
+        load: impl Fn(&[f32], f32) -> Lanes,
+    ) -> Option<Self> {
+        let lanes = |channel, outside| Some(load(guides.row(y, channel)?, outside));
         Some(Self {
             normal: [lanes(0, 0.0)?, lanes(1, 0.0)?, lanes(2, 0.0)?],
             inverse_depth: lanes(3, OUTSIDE)?,

@@ -50,6 +50,21 @@ pub(crate) fn load(row: &[f32], start: isize, outside: f32) -> Lanes {
     }
 }
 
+/// The values that lie `steps` from `columns` in a row, with `outside` where that leaves it.
+#[inline(always)]
+pub(crate) fn load_apart(
+    row: &[f32],
+    columns: &[usize; LANES],
+    steps: isize,
+    outside: f32,
+) -> Lanes {
+    std::array::from_fn(|lane| {
+        // Columns before the first become large ones.
+        let column = columns[lane].wrapping_add_signed(steps);
+        row.get(column).copied().unwrap_or(outside)
+    })
+}
+
 #[cold]
 #[inline(never)]
 fn load_edge(row: &[f32], start: isize, outside: f32) -> Lanes {
@@ -123,6 +138,10 @@ mod tests {
         assert_eq!(load(&row, -2, -1.0)[..3], [-1.0, -1.0, 0.0]);
         assert_eq!(load(&row, -40, -1.0), [-1.0; LANES]);
         assert_eq!(load(&row, 40, -1.0), [-1.0; LANES]);
+        let columns = std::array::from_fn(|lane| 2 * lane);
+        let apart = load_apart(&row, &columns, -1, -1.0);
+        assert_eq!(apart[..3], [-1.0, 1.0, 3.0]);
+        assert_eq!(apart[10..12], [19.0, -1.0]);
     }
 
     #[test]

@@ -10,7 +10,8 @@
 //! interleaved sampling; without tiles there is one group and c does not matter.
 //!
 //! All pixels of a row with the same place between the samples have the same f. So a row is computed in as many
-//! phases as the factor says, and in a phase neighbouring lanes need neighbouring samples.
+//! phases as the factor says, and in a phase neighbouring lanes need neighbouring samples. The few pixels of a phase
+//! that need samples farther away are computed once more, together, and gather theirs.
 
 use rayon::prelude::*;
 
@@ -19,7 +20,7 @@ use crate::{
     error::require,
     guides::{EdgeKernel, Here, There},
     image::{Rows, check_length},
-    lanes::{self, Kernel, LANES, Lanes, chunks, exp, load},
+    lanes::{self, Kernel, LANES, Lanes, chunks, exp, load, load_apart},
 };
 
 /// Largest number of pixels from one sample to the next.
@@ -193,17 +194,70 @@ fn guides_of_samples(guides: &Guides, grid: SampleGrid) -> Rows {
 struct Scratch {
     /// The guides of the pixels of a phase, channel by channel.
     guides: Vec<f32>,
+    near_steps: Vec<Step>,
+    far_steps: Vec<Step>,
     taps: Vec<Tap>,
-    /// Weighted sums of a group and of all, channel by channel.
-    sums: Vec<Lanes>,
+    /// Weighted sums, channel by channel.
     totals: Vec<Lanes>,
+    /// The pixels of a phase that no near sample is like.
+    lonely: Vec<usize>,
+}
+
+/// Pixels of a phase that are computed together.
+trait Together: Copy {
+    /// Their numbers in the phase.
+    fn number(&self, lane: usize) -> usize;
+
+    /// What lies so many places from each of them in a row, `outside` where that leaves it.
+    fn load(&self, row: &[f32], steps: isize, outside: f32) -> Lanes;
+}
+
+/// Neighbours, by the first of them.
+#[derive(Clone, Copy)]
+struct Beside(usize);
+
+/// Any.
+#[derive(Clone, Copy)]
+struct Apart([usize; LANES]);
+
+impl Together for Beside {
+    #[inline(always)]
+    fn number(&self, lane: usize) -> usize {
+        self.0 + lane
+    }
+
+    #[inline(always)]
+    fn load(&self, row: &[f32], steps: isize, outside: f32) -> Lanes {
+        load(row, self.0 as isize + steps, outside)
+    }
+}
+
+impl Together for Apart {
+    #[inline(always)]
+    fn number(&self, lane: usize) -> usize {
+        self.0[lane]
+    }
+
+    #[inline(always)]
+    fn load(&self, row: &[f32], steps: isize, outside: f32) -> Lanes {
+        load_apart(row, &self.0, steps, outside)
+    }
+}
+
+/// Where a sample lies for all pixels of a phase in a row.
+#[derive(Clone, Copy)]
+struct Step {
+    /// Columns from the number of a pixel in its phase, and row.
+    at: [isize; 2],
+    /// Right and down from the pixel.
+    pixels: [f32; 2],
+    /// f.
+    spatial: f32,
 }
 
 /// A sample and what it weighs for the pixels being computed.
 struct Tap {
-    /// Column of the first lane, and row.
-    at: [isize; 2],
-    spatial: f32,
+    step: Step,
     /// The weight where no sample is of the pixel's kind: 1 where there is a near one.
     fallback: Lanes,
     exponent: Lanes,
@@ -231,35 +285,72 @@ impl Kernel for Row<'_> {
         for phase in 0..factor.min(width) {
             let count = (width - phase).div_ceil(factor);
             self.gather_guides(phase, count);
+            let mut steps = std::mem::take(&mut self.scratch.near_steps);
+            steps.clear();
+            steps.extend(self.steps(phase, false));
+            self.scratch.near_steps = steps;
+            self.scratch.lonely.clear();
             for start in chunks::<LANES>(count) {
-                let guides = |channel| {
-                    let row = &self.scratch.guides[channel * count..][..count];
-                    load(row, start as isize, 0.0)
-                };
-                let here = Here::of([0, 1, 2, 3, 4, 5].map(guides));
-                self.scratch.taps.clear();
-                self.weigh(&here, phase, start, None);
-                let unlike = unlikeness(&self.scratch.taps);
-                let is_far = unlike.iter().any(|&unlike| unlike > 0.0);
-                if is_far {
-                    self.weigh(&here, phase, start, Some(unlike));
-                }
-                relate(&mut self.scratch.taps);
-                self.sum(is_far);
-                let pixels = LANES.min(count - start);
-                let channels = self.scratch.totals.len();
-                for (channel, total) in self.scratch.totals.iter().enumerate() {
-                    for (lane, value) in total[..pixels].iter().enumerate() {
-                        let x = (start + lane) * factor + phase;
-                        self.output[x * channels + channel] = *value;
+                let unlike = self.pixels::<false, _>(phase, count, Beside(start), LANES.min(count));
+                let lonely = &mut self.scratch.lonely;
+                for number in (0..LANES.min(count)).filter(|&lane| unlike[lane] > 0.0) {
+                    // The last chunk begins in the one before.
+                    if lonely.last().is_none_or(|&last| last < start + number) {
+                        lonely.push(start + number);
                     }
                 }
             }
+            let lonely = std::mem::take(&mut self.scratch.lonely);
+            if !lonely.is_empty() {
+                let mut steps = std::mem::take(&mut self.scratch.far_steps);
+                steps.clear();
+                steps.extend(self.steps(phase, true));
+                self.scratch.far_steps = steps;
+            }
+            for some in lonely.chunks(LANES) {
+                let mut numbers = [some[0]; LANES];
+                numbers[..some.len()].copy_from_slice(some);
+                self.pixels::<true, _>(phase, count, Apart(numbers), some.len());
+            }
+            self.scratch.lonely = lonely;
         }
     }
 }
 
 impl Row<'_> {
+    /// Computes the first `pixels` of some of the `count` pixels of a phase, by near samples alone or also by `FAR` ones.
+    /// Returns how unlike them the near samples are.
+    #[inline(always)]
+    fn pixels<const FAR: bool, T: Together>(
+        &mut self,
+        phase: usize,
+        count: usize,
+        together: T,
+        pixels: usize,
+    ) -> Lanes {
+        let guides = |channel| {
+            let row = &self.scratch.guides[channel * count..][..count];
+            together.load(row, 0, 0.0)
+        };
+        let here = Here::of([0, 1, 2, 3, 4, 5].map(guides));
+        self.scratch.taps.clear();
+        self.weigh(&here, together, None);
+        let unlike = unlikeness(&self.scratch.taps);
+        if FAR {
+            self.weigh(&here, together, Some(unlike));
+        }
+        relate(&mut self.scratch.taps);
+        self.sum::<FAR, T>(together);
+        let channels = self.scratch.totals.len();
+        for (channel, total) in self.scratch.totals.iter().enumerate() {
+            for (lane, value) in total[..pixels].iter().enumerate() {
+                let x = together.number(lane) * self.upsampling.factor + phase;
+                self.output[x * channels + channel] = *value;
+            }
+        }
+        unlike
+    }
+
     fn gather_guides(&mut self, phase: usize, count: usize) {
         let guides = &mut self.scratch.guides;
         guides.clear();
@@ -275,14 +366,12 @@ impl Row<'_> {
         }
     }
 
-    /// Finds the near samples around the pixels from number `start` of a phase on, and how alike they are; or the
-    /// far ones, that count as much as is said.
-    #[inline(always)]
-    fn weigh(&mut self, here: &Here, phase: usize, start: usize, far: Option<Lanes>) {
+    /// How the near or the far samples lie around the pixels of a phase.
+    fn steps(&self, phase: usize, is_far: bool) -> impl Iterator<Item = Step> + use<'_> {
         let around = self.upsampling.around;
-        let (samples, sigma) = match far {
-            None => (self.near, around.sigma),
-            Some(_) => (self.far, 0.5 * around.reach as f32),
+        let (samples, sigma) = match is_far {
+            false => (self.near, around.sigma),
+            true => (self.far, 0.5 * around.reach as f32),
         };
         let factor = self.upsampling.factor as isize;
         let offset = self.samples.grid.offset().map(|side| side as isize);
@@ -290,20 +379,39 @@ impl Row<'_> {
         let near = [0, 1].map(|axis| (place[axis] - offset[axis]).div_euclid(factor));
         let spacing = self.upsampling.tile;
         let spacing = spacing.map(|side| sigma * (side * self.upsampling.factor) as f32);
-        for [a, b] in samples.iter().flatten() {
-            let steps = [near[0] + a, near[1] + b];
+        samples.iter().flatten().map(move |[a, b]| {
+            let at = [near[0] + a, near[1] + b];
             let [dx, dy] =
-                [0, 1].map(|axis| (steps[axis] * factor + offset[axis] - place[axis]) as f32);
+                [0, 1].map(|axis| (at[axis] * factor + offset[axis] - place[axis]) as f32);
             let (u, v) = (dx / spacing[0], dy / spacing[1]);
-            let at = [start as isize + steps[0], steps[1]];
-            let mut tap = Tap {
+            Step {
                 at,
+                pixels: [dx, dy],
                 spatial: exp(-0.5 * (u * u + v * v)),
+            }
+        })
+    }
+
+    /// Finds how alike pixels of a phase and the samples around them are; far ones count as much as is said.
+    #[inline(always)]
+    fn weigh(&mut self, here: &Here, together: impl Together, far: Option<Lanes>) {
+        let Scratch {
+            near_steps,
+            far_steps,
+            taps,
+            ..
+        } = &mut *self.scratch;
+        let steps = if far.is_some() { far_steps } else { near_steps };
+        for &step in &*steps {
+            let mut tap = Tap {
+                step,
                 fallback: [0.0; LANES],
                 exponent: [0.0; LANES],
                 edge: [0.0; LANES],
             };
-            if let Some(there) = There::load(&self.samples.guides, at[0], at[1]) {
+            let ([column, row], [dx, dy]) = (step.at, step.pixels);
+            let load = |row: &[f32], outside| together.load(row, column, outside);
+            if let Some(there) = There::load_with(&self.samples.guides, row, load) {
                 (tap.exponent, tap.edge) = self.edges.parts(&here.likeness(&there, dx, dy));
                 match far {
                     None => tap.fallback = there.inside(),
@@ -314,43 +422,28 @@ impl Row<'_> {
                     }
                 }
             }
-            self.scratch.taps.push(tap);
+            taps.push(tap);
         }
     }
 
     /// Weighted means of the groups, and of them the mean.
     #[inline(always)]
-    fn sum(&mut self, is_far: bool) {
-        let Scratch {
-            taps, sums, totals, ..
-        } = &mut *self.scratch;
-        let channels = self.samples.values.channels;
+    fn sum<const FAR: bool, T: Together>(&mut self, together: T) {
+        let Scratch { taps, totals, .. } = &mut *self.scratch;
         totals.clear();
-        totals.resize(channels, [0.0; LANES]);
+        totals.resize(self.samples.values.channels, [0.0; LANES]);
         let mut norm = [0.0; LANES];
-        let (near, far) = taps.split_at(self.near.iter().map(Vec::len).sum());
-        let (mut near, mut far) = (near.iter(), far.iter());
+        let (mut near, mut far) = taps.split_at(self.near.iter().map(Vec::len).sum());
         for (near_group, far_group) in self.near.iter().zip(self.far) {
-            sums.clear();
-            sums.resize(channels, [0.0; LANES]);
+            let (near_taps, near_rest) = near.split_at(near_group.len());
+            let (far_taps, far_rest) = far.split_at(if FAR { far_group.len() } else { 0 });
+            (near, far) = (near_rest, far_rest);
+            let group = || near_taps.iter().chain(far_taps);
             let (mut weight, mut best) = ([0.0; LANES], [0.0_f32; LANES]);
-            let near = near.by_ref().take(near_group.len());
-            let far = far.by_ref().take(if is_far { far_group.len() } else { 0 });
-            for tap in near.chain(far) {
-                let mut weights = [0.0; LANES];
+            for tap in group() {
                 for lane in 0..LANES {
-                    weights[lane] = tap.spatial * tap.edge[lane];
-                    weight[lane] += weights[lane];
+                    weight[lane] += tap.step.spatial * tap.edge[lane];
                     best[lane] = best[lane].max(tap.edge[lane]);
-                }
-                for (channel, sums) in sums.iter_mut().enumerate() {
-                    let Some(row) = self.samples.values.row(tap.at[1], channel) else {
-                        continue;
-                    };
-                    let values = load(row, tap.at[0], 0.0);
-                    for lane in 0..LANES {
-                        sums[lane] += weights[lane] * values[lane];
-                    }
                 }
             }
             for lane in 0..LANES {
@@ -362,15 +455,27 @@ impl Row<'_> {
                 };
                 norm[lane] += if found { best[lane] } else { 0.0 };
             }
-            for (totals, sums) in totals.iter_mut().zip(sums.iter()) {
+            // Channel by channel, so that a sum stays in registers.
+            for (channel, total) in totals.iter_mut().enumerate() {
+                let mut sum = [0.0; LANES];
+                for tap in group() {
+                    let [column, row] = tap.step.at;
+                    let Some(row) = self.samples.values.row(row, channel) else {
+                        continue;
+                    };
+                    let values = together.load(row, column, 0.0);
+                    for lane in 0..LANES {
+                        sum[lane] += tap.step.spatial * tap.edge[lane] * values[lane];
+                    }
+                }
                 for lane in 0..LANES {
-                    totals[lane] += weight[lane] * sums[lane];
+                    total[lane] += weight[lane] * sum[lane];
                 }
             }
         }
-        for totals in totals {
+        for total in totals {
             for lane in 0..LANES {
-                totals[lane] /= norm[lane];
+                total[lane] /= norm[lane];
             }
         }
     }
