@@ -91,7 +91,10 @@ impl GBuffer {
                 (seen.normal(), eye.depth(seen.point.position))
             })
         };
-        self.pixels.iter().map(guide).unzip()
+        let (mut normals, mut depths) = (Vec::new(), Vec::new());
+        let guides = self.pixels.par_iter().map(guide);
+        guides.unzip_into_vecs(&mut normals, &mut depths);
+        (normals, depths)
     }
 }
 

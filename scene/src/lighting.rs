@@ -1,9 +1,9 @@
 //! Light that comes straight from the lights, for techniques that shade what they see.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use crate::{
-    Bsdf, Scene, SurfacePoint, Tracer,
+    Bsdf, LightKind, Scene, SurfacePoint, Tracer,
     reference::{
         light_sampling::{Incoming, LightSampler, towards},
         path::visible,
@@ -23,6 +23,8 @@ pub struct DirectLight<'a, T: Tracer + ?Sized> {
     scene: &'a Scene,
     tracer: &'a T,
     lights: LightSampler<'a>,
+    /// Whether any light without geometry has an extent.
+    is_extended: bool,
 }
 
 impl<'a, T: Tracer + ?Sized> DirectLight<'a, T> {
@@ -32,6 +34,10 @@ impl<'a, T: Tracer + ?Sized> DirectLight<'a, T> {
             scene,
             tracer,
             lights: LightSampler::new(scene),
+            is_extended: scene
+                .lights
+                .iter()
+                .any(|light| matches!(light.kind, LightKind::Point { radius } if radius > 0.0)),
         }
     }
 
@@ -56,8 +62,14 @@ impl<'a, T: Tracer + ?Sized> DirectLight<'a, T> {
                 sum += scattered;
             }
         };
-        let u = sampler.get_2d(0);
-        let choices = sampler.get_2d(1);
+        let can_be_hit = self.lights.can_be_hit();
+        // Random numbers are worth their time only where they are used.
+        let pair = |dimension, is_used| match is_used {
+            true => sampler.get_2d(dimension),
+            false => Vec2::ZERO,
+        };
+        let u = pair(0, self.is_extended);
+        let choices = pair(1, can_be_hit || self.scene.lights.len() > FEW);
         if self.scene.lights.len() <= FEW {
             for light in &self.scene.lights {
                 towards(light, point.position, u).map(&mut add);
@@ -71,21 +83,20 @@ impl<'a, T: Tracer + ?Sized> DirectLight<'a, T> {
                 .sample_lights(point.position, choices.x, u, contribution);
             chosen.map(&mut add);
         }
-        let emitter = self
-            .lights
-            .sample_emitters(point.position, choices.y, sampler.get_2d(2));
-        emitter.map(&mut add);
-        self.lights
-            .sample_environment(sampler.get_2d(3))
-            .map(&mut add);
+        if can_be_hit {
+            let emitter = self
+                .lights
+                .sample_emitters(point.position, choices.y, sampler.get_2d(2));
+            emitter.map(&mut add);
+            self.lights
+                .sample_environment(sampler.get_2d(3))
+                .map(&mut add);
+        }
         (sum, rays)
     }
 
     /// Whether a sample differs from another: there are lights with an extent, or too many.
     pub fn is_noisy(&self) -> bool {
-        let extended = |light: &crate::Light| matches!(light.kind, crate::LightKind::Point { radius } if radius > 0.0);
-        self.lights.can_be_hit()
-            || self.scene.lights.len() > FEW
-            || self.scene.lights.iter().any(extended)
+        self.lights.can_be_hit() || self.scene.lights.len() > FEW || self.is_extended
     }
 }
