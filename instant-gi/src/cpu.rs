@@ -7,6 +7,7 @@ pub mod emission;
 mod filter;
 mod indirect;
 mod specular;
+mod tiles;
 
 use std::{
     f32::consts::PI,
@@ -25,16 +26,15 @@ use self::{
     emission::{Vpl, shoot},
     filter::Upsample,
     indirect::{Gather, Receiver},
-    specular::{Light, Tree},
+    specular::Tree,
+    tiles::{Direct, Tiles},
 };
 use crate::{Error, GiParams, Pattern, Result};
 
 /// Most pixels of a picture: what is known of each takes up to 256 bytes.
 const MOST_PIXELS: u64 = 1 << 25;
 /// Points that are lit together.
-const CHUNK: usize = 64;
-/// Pixels of a task of direct light.
-const PIXELS: usize = 256;
+const CHUNK: usize = 256;
 
 /// Renders a scene as the paper does.
 pub struct InstantGi<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> {
@@ -59,8 +59,8 @@ pub struct Stages {
     pub picture: Vec<Vec3>,
     /// The virtual point lights.
     pub vpls: Vec<Vpl>,
-    /// What each stage took: `vpls`, `camera`, `direct`, `indirect`, `filter`. The shadow rays of `direct` go to virtual
-    /// point lights, from what mirrors and glass show: the paper's hidden cost.
+    /// What each stage took: `vpls`, `camera`, `direct`, `mirrored`, `indirect`, `filter`, `compose`. `mirrored` is the
+    /// light of the virtual point lights on what mirrors and glass show: the paper's hidden cost, part of its direct stage.
     pub passes: Vec<Pass>,
 }
 
@@ -116,25 +116,42 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
             let seen = GBuffer::see(scene, exact, camera, size, params.materials);
             (seen, [pixels, 0])
         });
-        let gather = Gather {
-            scene,
-            tracer: self.tracers.secondary,
-            direct: &self.direct,
-            vpls: &vpls,
-            params,
-        };
+        let gather = Gather::new(scene, self.tracers.secondary, &self.direct, &vpls, params);
         let [columns, rows] = upsample.grid.size();
         let meter = Meter {
             progress,
             done: AtomicU64::new(0),
             total: pixels + (columns * rows) as u64,
         };
-        let lights = Pass::timed(&mut passes, "direct", || {
-            let lights = self.direct_and_specular(&seen.pixels, &gather, &meter);
-            let rays = lights.iter().map(|light| light.rays).sum();
-            let hidden = lights.iter().map(|light| light.vpl_rays).sum();
-            (lights, [rays, hidden])
+        let Direct {
+            direct,
+            specular,
+            cost,
+        } = Pass::timed(&mut passes, "direct", || {
+            let tiles = Tiles {
+                tree: Tree {
+                    scene,
+                    exact,
+                    direct: &self.direct,
+                    params,
+                },
+                gather: &gather,
+                meter: &meter,
+            };
+            let light = tiles.light(&seen);
+            let rays = light.cost.rays;
+            (light, [rays, 0])
         });
+        if let Some(direct) = passes.last_mut() {
+            let seconds = direct.seconds * cost.mirrored_share();
+            direct.seconds -= seconds;
+            passes.push(Pass {
+                name: "mirrored",
+                rays: cost.mirrored_rays,
+                shadow_rays: 0,
+                seconds,
+            });
+        }
         let samples = Pass::timed(&mut passes, "indirect", || {
             let (samples, rays) = self.samples(&seen, &gather, &upsample, &meter);
             (samples, [rays, 0])
@@ -142,55 +159,28 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
         let irradiance = Pass::timed(&mut passes, "filter", || {
             (upsample.apply(&samples, &seen, &camera.pinhole()), [0, 0])
         })?;
-        let albedo = |seen: &Option<Seen>| seen.as_ref().map_or(Vec3::ZERO, Seen::albedo);
-        let indirect: Vec<Vec3> = seen
-            .pixels
-            .iter()
-            .zip(&irradiance)
-            .map(|(seen, &irradiance)| albedo(seen) / PI * irradiance)
-            .collect();
-        let picture = lights.iter().zip(&indirect);
+        let (indirect, picture) = Pass::timed(&mut passes, "compose", || {
+            let (mut indirect, mut picture) = (Vec::new(), Vec::new());
+            let lit = irradiance.par_iter().zip(&direct).zip(&specular);
+            let composed = seen.pixels.par_iter().zip(lit).map(
+                |(seen, ((&irradiance, &direct), &specular))| {
+                    let albedo = seen.as_ref().map_or(Vec3::ZERO, Seen::albedo);
+                    let indirect = albedo / PI * irradiance;
+                    (indirect, direct + specular + indirect)
+                },
+            );
+            composed.unzip_into_vecs(&mut indirect, &mut picture);
+            ((indirect, picture), [0, 0])
+        });
         Ok(Stages {
-            picture: picture
-                .map(|(light, &indirect)| light.direct + light.specular + indirect)
-                .collect(),
-            direct: lights.iter().map(|light| light.direct).collect(),
-            specular: lights.iter().map(|light| light.specular).collect(),
+            direct,
+            specular,
             irradiance,
             indirect,
+            picture,
             vpls,
             passes,
         })
-    }
-
-    /// Stage 3.
-    fn direct_and_specular(
-        &self,
-        seen: &[Option<Seen>],
-        gather: &Gather<'_, E, S>,
-        meter: &Meter<'_>,
-    ) -> Vec<Light> {
-        let tree = Tree {
-            scene: self.scene,
-            exact: self.tracers.exact,
-            direct: &self.direct,
-            gather,
-            params: &self.params,
-        };
-        let mut lights = vec![Light::default(); seen.len()];
-        lights
-            .par_chunks_mut(PIXELS)
-            .zip(seen.par_chunks(PIXELS))
-            .enumerate()
-            .for_each(|(chunk, (lights, seen))| {
-                for (index, (light, seen)) in lights.iter_mut().zip(seen).enumerate() {
-                    if let Some(seen) = seen {
-                        *light = tree.light(seen, (chunk * PIXELS + index) as u32);
-                    }
-                }
-                meter.advance(seen.len());
-            });
-        lights
     }
 
     /// Stage 4, at the samples of a grid of pixels.
@@ -226,7 +216,8 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
                     }
                 }
                 let mut found = vec![Vec3::ZERO; receivers.len()];
-                let rays = gather.irradiance(&receivers, &mut found);
+                let [m, n] = self.params.interleaving;
+                let rays = gather.irradiance(&receivers, m * n, &mut found);
                 for (place, found) in places.into_iter().zip(found) {
                     light[place] = found;
                 }
@@ -237,17 +228,15 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
         (light, rays)
     }
 
-    /// Which part of the lights lights a sample, of how many (§4.3).
-    fn part(&self, [i, j]: [usize; 2]) -> [u32; 2] {
+    /// Which part of the lights lights a sample (§4.3).
+    fn part(&self, [i, j]: [usize; 2]) -> u32 {
         let [m, n] = self.params.interleaving;
         let (i, j) = (i as u32, j as u32);
         let place = (j % n) * m + i % m;
-        let parts = m * n;
-        let part = match self.params.pattern {
+        match self.params.pattern {
             Pattern::Regular => place,
-            Pattern::Irregular => shuffled(place, parts, hash((i / m) ^ hash(j / n))),
-        };
-        [part, parts]
+            Pattern::Irregular => shuffled(place, m * n, hash((i / m) ^ hash(j / n))),
+        }
     }
 }
 

@@ -4,7 +4,7 @@
 //!
 //! 1. [`cpu::emission`]: light paths make virtual point lights (§4).
 //! 2. [`isophote_scene::GBuffer`]: what the camera sees.
-//! 3. `cpu/specular.rs`: light straight from the lights, mirrors and glass (§4).
+//! 3. `cpu/tiles.rs` and `cpu/specular.rs`: light straight from the lights, mirrors and glass (§4).
 //! 4. `cpu/indirect.rs`: the virtual point lights' light (Eq. (1)), of all or of a part of them (§4.2, §4.3).
 //! 5. `cpu/filter.rs`: samples become a picture (Eq. (2), §4.3).
 //!
@@ -13,7 +13,7 @@
 //! | paper | code |
 //! |---|---|
 //! | §4, particles along a Halton sequence | [`cpu::emission::shoot`] |
-//! | §4, direct + specular, a Whitted-style tree | `cpu/specular.rs` |
+//! | §4, direct + specular, a Whitted-style tree; what secondary hits cost | `cpu/specular.rs`, `cpu/tiles.rs` |
 //! | Eq. (1) and the bounded geometry term | `cpu/indirect.rs`, [`isophote_scene::reference::bound`] |
 //! | §4.1, imperfect visibility | a tracer of boxes as the secondary one: `Leaves::Boxes` of scene's tree, or `boxes` on GPUs |
 //! | §4.2, downsampling, Eq. (2) | [`GiParams::downsampling`], [`isophote_filters::JointBilateral`] |

@@ -25,6 +25,8 @@ pub(super) struct Gather<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> {
     pub(super) direct: &'a DirectLight<'a, E>,
     pub(super) vpls: &'a [Vpl],
     pub(super) params: &'a GiParams,
+    /// How far off the tracer may be at each light, metres.
+    tolerances: Vec<f32>,
 }
 
 /// A point that receives light.
@@ -33,38 +35,60 @@ pub(super) struct Receiver<'a> {
     pub(super) point: &'a SurfacePoint,
     /// The shading normal on the viewer's side.
     pub(super) normal: Vec3,
-    /// Which part of the lights lights it, of how many.
-    pub(super) part: [u32; 2],
+    /// Which part of the lights lights it.
+    pub(super) part: u32,
     /// What its random numbers belong to.
     pub(super) stream: u32,
 }
 
-/// Rays that are traced together, so that memory does not grow with the number of lights.
-const BATCH: usize = 1 << 16;
+/// Rays that are traced together, so that memory does not grow with the number of lights; few enough for a cache.
+const BATCH: usize = 1 << 12;
 
-impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'_, E, S> {
-    /// Irradiance at points, added to `light`; and the number of rays.
-    pub(super) fn irradiance(&self, receivers: &[Receiver<'_>], light: &mut [Vec3]) -> u64 {
-        let lights = (BATCH / receivers.len().max(1)).max(1);
+/// The numbers of the receivers of each part.
+fn by_part(receivers: &[Receiver<'_>], parts: u32) -> Vec<Vec<usize>> {
+    let mut by_part = vec![Vec::new(); parts as usize];
+    for (index, receiver) in receivers.iter().enumerate() {
+        by_part[receiver.part as usize].push(index);
+    }
+    by_part
+}
+
+impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
+    pub(super) fn new(
+        scene: &'a Scene,
+        tracer: &'a S,
+        direct: &'a DirectLight<'a, E>,
+        vpls: &'a [Vpl],
+        params: &'a GiParams,
+    ) -> Self {
+        let tolerance = |vpl: &Vpl| tracer.tolerance(vpl.point.position);
+        Self {
+            scene,
+            tracer,
+            direct,
+            vpls,
+            params,
+            tolerances: vpls.iter().map(tolerance).collect(),
+        }
+    }
+
+    /// Irradiance at points, each by one of so many parts of the lights, added to `light`; and the number of rays.
+    pub(super) fn irradiance(
+        &self,
+        receivers: &[Receiver<'_>],
+        parts: u32,
+        light: &mut [Vec3],
+    ) -> u64 {
+        let tolerance = |receiver: &Receiver<'_>| self.tracer.tolerance(receiver.point.position);
+        let tolerances: Vec<f32> = receivers.iter().map(tolerance).collect();
+        let by_part = by_part(receivers, parts);
         let (mut rays, mut arrivals) = (Vec::new(), Vec::new());
         let mut hidden = Vec::new();
         let mut count = 0;
-        for (first, vpls) in (0..).step_by(lights).zip(self.vpls.chunks(lights)) {
-            for (number, vpl) in (first..).zip(vpls) {
-                for (index, receiver) in receivers.iter().enumerate() {
-                    let [part, parts] = receiver.part;
-                    if number % parts != part {
-                        continue;
-                    }
-                    if let Some((ray, arriving)) = self.towards(receiver, vpl) {
-                        rays.push(ray);
-                        arrivals.push((index, arriving * parts as f32));
-                    }
-                }
-            }
+        let mut flush = |rays: &mut Vec<Ray>, arrivals: &mut Vec<(usize, Vec3)>| {
             hidden.clear();
             hidden.resize(rays.len(), false);
-            self.tracer.any_hits(&rays, &mut hidden);
+            self.tracer.any_hits(rays, &mut hidden);
             count += rays.len() as u64;
             rays.clear();
             for ((index, arriving), hidden) in arrivals.drain(..).zip(&hidden) {
@@ -72,7 +96,20 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'_, E, S> {
                     light[index] += arriving;
                 }
             }
+        };
+        for (number, vpl) in self.vpls.iter().enumerate() {
+            for &index in &by_part[number % parts as usize] {
+                let both = [tolerances[index], self.tolerances[number]];
+                if let Some((ray, arriving)) = self.towards(&receivers[index], vpl, both) {
+                    rays.push(ray);
+                    arrivals.push((index, arriving * parts as f32));
+                }
+            }
+            if rays.len() >= BATCH {
+                flush(&mut rays, &mut arrivals);
+            }
         }
+        flush(&mut rays, &mut arrivals);
         if self.params.compensation > 0 && self.params.min_d > 0.0 {
             for (receiver, light) in receivers.iter().zip(light) {
                 let (left_out, rays) = self.left_out(receiver);
@@ -84,7 +121,12 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'_, E, S> {
     }
 
     /// `L_e` G of Eq. (1), and the ray that asks for V; `None` where no light would arrive.
-    fn towards(&self, receiver: &Receiver<'_>, vpl: &Vpl) -> Option<(Ray, Vec3)> {
+    fn towards(
+        &self,
+        receiver: &Receiver<'_>,
+        vpl: &Vpl,
+        [here, there]: [f32; 2],
+    ) -> Option<(Ray, Vec3)> {
         let point = receiver.point;
         let offset = vpl.point.position - point.position;
         let squared = offset.length_squared();
@@ -101,10 +143,6 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'_, E, S> {
         if arriving == Vec3::ZERO || !arriving.is_finite() {
             return None;
         }
-        let (here, there) = (
-            self.tracer.tolerance(point.position),
-            self.tracer.tolerance(vpl.point.position),
-        );
         let start = point.lifted(direction, here);
         let end = vpl.point.lifted(-direction, there);
         let way = end - start;
@@ -158,17 +196,19 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'_, E, S> {
         let receiver = Receiver {
             point,
             normal,
-            part: [0, 1],
+            part: 0,
             stream: 0,
         };
+        let here = self.tracer.tolerance(point.position);
         let mut rays = 0;
         let mut sum = Vec3::ZERO;
-        for vpl in self
+        for (vpl, &there) in self
             .vpls
             .iter()
-            .filter(|vpl| vpl.bounce < self.params.bounces)
+            .zip(&self.tolerances)
+            .filter(|(vpl, _)| vpl.bounce < self.params.bounces)
         {
-            if let Some((ray, arriving)) = self.towards(&receiver, vpl) {
+            if let Some((ray, arriving)) = self.towards(&receiver, vpl, [here, there]) {
                 rays += 1;
                 if !self.tracer.any_hit(&ray) {
                     sum += arriving;

@@ -1,41 +1,44 @@
 //! Stage 3, direct and specular light (§4): a Whitted-style tree of rays from what the camera sees.
 //!
-//! What mirrors and glass show is lit by the virtual point lights too, here and at full resolution, since no grid of pixels
-//! lies over it: the paper's hidden cost, which is counted apart.
+//! What mirrors and glass show is kept as [`Mirrored`], to be lit by the virtual point lights too.
 
 use std::f32::consts::PI;
 
 use glam::Vec3;
 use isophote_scene::{
-    Bsdf, DirectLight, MIRROR_ROUGHNESS, Ray, Scene, Seen, SurfaceMaterial, Tracer, fresnel,
-    reference::Materials, sample::Sampler,
+    Bsdf, DirectLight, MIRROR_ROUGHNESS, Ray, Scene, Seen, SurfaceMaterial, SurfacePoint, Tracer,
+    fresnel, reference::Materials, sample::Sampler,
 };
 
-use super::indirect::{Gather, Receiver};
 use crate::GiParams;
 
 /// Rays that carry less than this share of a pixel's light are not followed.
 const LEAST: f32 = 1e-3;
 
 /// Who follows.
-pub(super) struct Tree<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> {
+pub(super) struct Tree<'a, E: Tracer + ?Sized> {
     pub(super) scene: &'a Scene,
     pub(super) exact: &'a E,
     pub(super) direct: &'a DirectLight<'a, E>,
-    pub(super) gather: &'a Gather<'a, E, S>,
     pub(super) params: &'a GiParams,
 }
 
-/// Light of a tree, and what it took.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Light {
-    /// Straight from the lights.
-    pub(super) direct: Vec3,
-    /// By mirrors, glass and highlights.
-    pub(super) specular: Vec3,
+/// A diffuse surface that a pixel shows in a mirror or through glass.
+pub(super) struct Mirrored {
+    pub(super) point: SurfacePoint,
+    /// The shading normal on the viewer's side.
+    pub(super) normal: Vec3,
+    /// The pixel's radiance by its irradiance.
+    pub(super) weight: Vec3,
+    /// The pixel's number.
+    pub(super) pixel: u32,
+}
+
+/// What a tree finds beside light.
+#[derive(Default)]
+pub(super) struct Found {
+    pub(super) mirrored: Vec<Mirrored>,
     pub(super) rays: u64,
-    /// Towards virtual point lights, from what mirrors and glass show.
-    pub(super) vpl_rays: u64,
 }
 
 /// A ray to follow.
@@ -47,16 +50,15 @@ struct Branch {
     sharp: bool,
 }
 
-impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Tree<'_, E, S> {
-    /// Light that leaves what a pixel sees, without the indirect light of its diffuse part.
-    pub(super) fn light(&self, seen: &Seen, stream: u32) -> Light {
-        let mut light = Light::default();
-        light.direct = self.direct_at(seen, stream, &mut light.rays);
-        light.specular = self.reflected(seen, stream, Vec3::ONE, 0, &mut light);
-        light
+impl<E: Tracer + ?Sized> Tree<'_, E> {
+    /// Light that leaves what a pixel sees: straight from the lights, and by mirrors, glass and highlights. That of the
+    /// virtual point lights is in neither.
+    pub(super) fn light(&self, seen: &Seen, pixel: u32, found: &mut Found) -> [Vec3; 2] {
+        let direct = self.direct_at(seen, pixel, &mut found.rays);
+        [direct, self.reflected(seen, pixel, Vec3::ONE, 0, found)]
     }
 
-    fn direct_at(&self, seen: &Seen, stream: u32, rays: &mut u64) -> Vec3 {
+    fn direct_at(&self, seen: &Seen, pixel: u32, rays: &mut u64) -> Vec3 {
         if seen.material.unlit {
             return seen.material.base_color;
         }
@@ -68,7 +70,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Tree<'_, E, S> {
         let bsdf = Bsdf::new(seen.normal(), &seen.material, seen.is_outside());
         let mut sum = Vec3::ZERO;
         for number in 0..count {
-            let sampler = Sampler::new(self.params.seed, 4 * stream, number);
+            let sampler = Sampler::new(self.params.seed, 4 * pixel, number);
             let (light, traced) = self
                 .direct
                 .scattered(&seen.point, seen.view, &bsdf, &sampler);
@@ -82,27 +84,27 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Tree<'_, E, S> {
     fn reflected(
         &self,
         seen: &Seen,
-        stream: u32,
+        pixel: u32,
         throughput: Vec3,
         depth: u32,
-        light: &mut Light,
+        found: &mut Found,
     ) -> Vec3 {
         if depth == self.params.depth || self.params.materials == Materials::Lambert {
             return Vec3::ZERO;
         }
         let mut sum = Vec3::ZERO;
-        self.branches(seen, stream, depth, |branch| {
+        self.branches(seen, pixel, depth, |branch| {
             let throughput = throughput * branch.weight;
             if throughput.max_element() > LEAST {
                 sum +=
-                    branch.weight * self.radiance(seen, &branch, stream, throughput, depth, light);
+                    branch.weight * self.radiance(seen, &branch, pixel, throughput, depth, found);
             }
         });
         sum
     }
 
     /// The rays a surface asks for.
-    fn branches(&self, seen: &Seen, stream: u32, depth: u32, mut follow: impl FnMut(Branch)) {
+    fn branches(&self, seen: &Seen, pixel: u32, depth: u32, mut follow: impl FnMut(Branch)) {
         let SurfaceMaterial {
             metallic,
             transmission,
@@ -124,7 +126,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Tree<'_, E, S> {
                 self.params.glossy_rays
             };
             for number in 0..count {
-                let sampler = Sampler::new(self.params.seed, 4 * stream + 1, number);
+                let sampler = Sampler::new(self.params.seed, 4 * pixel + 1, number);
                 if let Some(sample) = bsdf.sample(view, 0.0, sampler.get_2d(depth)) {
                     follow(Branch {
                         direction: sample.light,
@@ -171,16 +173,16 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Tree<'_, E, S> {
         &self,
         from: &Seen,
         branch: &Branch,
-        stream: u32,
+        pixel: u32,
         throughput: Vec3,
         depth: u32,
-        light: &mut Light,
+        found: &mut Found,
     ) -> Vec3 {
         let origin = from
             .point
             .lifted(branch.direction, self.exact.tolerance(from.point.position));
         let ray = Ray::new(origin, branch.direction);
-        light.rays += 1;
+        found.rays += 1;
         let Some(hit) = self.exact.closest_hit_from(&ray, from.point.surface) else {
             return if branch.sharp {
                 self.scene.environment.radiance(branch.direction)
@@ -190,22 +192,19 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Tree<'_, E, S> {
         };
         let point = self.scene.surface_point(&hit);
         let seen = Seen::new(self.scene, point, -branch.direction, self.params.materials);
-        let mut sum = self.direct_at(&seen, stream, &mut light.rays);
+        let mut sum = self.direct_at(&seen, pixel, &mut found.rays);
         if branch.sharp {
             sum += seen.material.emissive;
         }
         let albedo = seen.albedo();
         if albedo != Vec3::ZERO {
-            let receiver = Receiver {
-                point: &seen.point,
+            found.mirrored.push(Mirrored {
+                point,
                 normal: seen.normal(),
-                part: [0, 1],
-                stream,
-            };
-            let mut irradiance = [Vec3::ZERO];
-            light.vpl_rays += self.gather.irradiance(&[receiver], &mut irradiance);
-            sum += albedo / PI * irradiance[0];
+                weight: throughput * albedo / PI,
+                pixel,
+            });
         }
-        sum + self.reflected(&seen, stream, throughput, depth + 1, light)
+        sum + self.reflected(&seen, pixel, throughput, depth + 1, found)
     }
 }

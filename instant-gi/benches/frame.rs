@@ -1,0 +1,233 @@
+//! What frames take, stage by stage, and how far shortcuts are off: one line of JSON for each case.
+//!
+//! ```sh
+//! cargo bench -p isophote-instant-gi --bench frame -- SCENE [--size WxH] [--frames N] [--mirror MATERIAL[,…]]
+//!     [--case PATHS:VISIBILITY:DOWNSAMPLING:MxN:PATTERN:FILTER]...
+//! ```
+//!
+//! Visibility is `triangles` or `boxes`, the pattern `regular` or `irregular`, the filter `edges` or `paper`; what is left
+//! out is the plain method's. Materials are diffuse, unless some are made mirrors. Every frame shoots its light paths anew
+//! and is rendered wholly; times are medians over the frames. Errors are those of the indirect light against the plain
+//! method with the same number of light paths. The built-in office and 180 light paths unless given.
+
+use std::{path::Path, sync::Arc, time::Instant};
+
+use glam::Vec3;
+use isophote_instant_gi::{Filter, GiParams, InstantGi, Pattern, Stages};
+use isophote_scene::{
+    BuildTracer, BvhOptions, BvhTracer, Leaves, Scene, Selection, builtin, load,
+    reference::{Materials, Tracers},
+};
+use serde_json::{Value, json};
+
+/// What is measured.
+struct Arguments {
+    scene: String,
+    size: [u32; 2],
+    frames: usize,
+    mirrors: Vec<String>,
+    cases: Vec<String>,
+}
+
+fn main() {
+    let arguments = Arguments::parse(std::env::args().skip(1));
+    let bench = Bench::new(&arguments);
+    for text in &arguments.cases {
+        println!("{}", bench.run(text, &Case::parse(text, bench.materials)));
+    }
+}
+
+impl Arguments {
+    fn parse(mut words: impl Iterator<Item = String>) -> Self {
+        let mut arguments = Self {
+            scene: "builtin:office".into(),
+            size: [800, 600],
+            frames: 7,
+            mirrors: Vec::new(),
+            cases: Vec::new(),
+        };
+        while let Some(word) = words.next() {
+            let mut value = || words.next().expect("a value");
+            match word.as_str() {
+                // Cargo's own.
+                "--bench" => {}
+                "--size" => arguments.size = pair(&value()),
+                "--frames" => arguments.frames = value().parse().expect("a number"),
+                "--mirror" => arguments.mirrors = value().split(',').map(str::to_owned).collect(),
+                "--case" => arguments.cases.push(value()),
+                flag if flag.starts_with("--") => panic!("what is {flag}?"),
+                scene => arguments.scene = scene.into(),
+            }
+        }
+        if arguments.cases.is_empty() {
+            arguments.cases = ["180", "180:boxes", "180:boxes:4", "180:boxes:4:3x3"]
+                .map(str::to_owned)
+                .into();
+        }
+        arguments
+    }
+}
+
+fn pair(text: &str) -> [u32; 2] {
+    let (a, b) = text.split_once('x').expect("NxN");
+    [a, b].map(|side| side.parse().expect("a number"))
+}
+
+/// A way to make frames.
+struct Case {
+    boxes: bool,
+    params: GiParams,
+}
+
+impl Case {
+    fn parse(text: &str, materials: Materials) -> Self {
+        let mut parts = text.split(':');
+        let mut next = || parts.next();
+        let paths = next().map_or(180, |paths| paths.parse().expect("a number"));
+        let boxes = next() == Some("boxes");
+        let params = GiParams {
+            paths,
+            downsampling: next().map_or(1, |factor| factor.parse().expect("a number")),
+            interleaving: next().map_or([1, 1], pair),
+            pattern: match next() {
+                Some("irregular") => Pattern::Irregular,
+                _ => Pattern::Regular,
+            },
+            filter: match next() {
+                Some("paper") => Filter::Paper,
+                _ => Filter::Edges,
+            },
+            light_rays: 1,
+            materials,
+            ..GiParams::default()
+        };
+        Self { boxes, params }
+    }
+}
+
+/// A scene and who answers its rays.
+struct Bench<'a> {
+    arguments: &'a Arguments,
+    scene: Arc<Scene>,
+    materials: Materials,
+    triangles: BvhTracer,
+    boxes: BvhTracer,
+}
+
+impl<'a> Bench<'a> {
+    fn new(arguments: &'a Arguments) -> Self {
+        let scene = match builtin::is_builtin(&arguments.scene) {
+            true => builtin::build(&arguments.scene),
+            false => load(Path::new(&arguments.scene)),
+        };
+        let mut scene = scene.expect("a scene");
+        for name in &arguments.mirrors {
+            let found = scene
+                .materials
+                .iter_mut()
+                .find(|material| &material.name == name);
+            let material = found.unwrap_or_else(|| panic!("there is no material {name}"));
+            (material.metallic, material.roughness) = (1.0, 0.0);
+            material.metallic_roughness_texture = None;
+        }
+        let scene = Arc::new(scene);
+        let [triangles, boxes] = [Leaves::Triangles, Leaves::Boxes].map(|leaves| {
+            let options = BvhOptions {
+                leaves,
+                ..BvhOptions::default()
+            };
+            BvhTracer::build(&scene, &Selection::default(), &options).expect("a tracer")
+        });
+        let materials = match arguments.mirrors.is_empty() {
+            true => Materials::Lambert,
+            false => Materials::Pbr,
+        };
+        Self {
+            arguments,
+            scene,
+            materials,
+            triangles,
+            boxes,
+        }
+    }
+
+    fn render(&self, case: &Case) -> Stages {
+        let secondary = if case.boxes {
+            &self.boxes
+        } else {
+            &self.triangles
+        };
+        let tracers = Tracers {
+            exact: &self.triangles,
+            secondary,
+        };
+        let gi =
+            InstantGi::new(&self.scene, tracers, &case.params).expect("parameters in their range");
+        gi.render(&self.scene.cameras[0], self.arguments.size, &|_, _| {})
+            .expect("a picture")
+    }
+
+    fn run(&self, text: &str, case: &Case) -> Value {
+        let plain = Case {
+            boxes: false,
+            params: GiParams {
+                downsampling: 1,
+                interleaving: [1, 1],
+                ..case.params
+            },
+        };
+        let truth = self.render(&plain);
+        let mut frames = Vec::new();
+        let mut stages: Vec<Vec<f64>> = Vec::new();
+        let mut last = truth.clone();
+        for _ in 0..self.arguments.frames {
+            drop(std::mem::take(&mut last));
+            let start = Instant::now();
+            last = self.render(case);
+            frames.push(start.elapsed().as_secs_f64());
+            stages.push(last.passes.iter().map(|pass| pass.seconds).collect());
+        }
+        let passes = last.passes.iter().enumerate().map(|(number, pass)| {
+            let seconds = median(stages.iter().map(|stages| stages[number]).collect());
+            json!({ "name": pass.name, "seconds": seconds, "rays": pass.rays, "shadow_rays": pass.shadow_rays })
+        });
+        let [rel_rmse, bias] = errors(&last.indirect, &truth.indirect);
+        json!({
+            "scene": self.arguments.scene,
+            "case": text,
+            "size": self.arguments.size,
+            "mirrors": self.arguments.mirrors,
+            "threads": rayon::current_num_threads(),
+            "vpls": last.vpls.len(),
+            "frame_seconds": median(frames),
+            "passes": passes.collect::<Vec<_>>(),
+            "rel_rmse": rel_rmse,
+            "bias": bias,
+        })
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+/// relRMSE and bias.
+fn errors(values: &[Vec3], truth: &[Vec3]) -> [f64; 2] {
+    let sum = |values: &[Vec3]| {
+        values
+            .iter()
+            .map(|value| f64::from(value.element_sum()))
+            .sum::<f64>()
+    };
+    let squares = values.iter().zip(truth);
+    let squares: f64 = squares
+        .map(|(a, b)| f64::from((*a - *b).length_squared()))
+        .sum();
+    let count = 3.0 * truth.len() as f64;
+    let mean = sum(truth) / count;
+    [
+        (squares / count).sqrt() / mean,
+        sum(values) / sum(truth) - 1.0,
+    ]
+}
