@@ -12,7 +12,7 @@ use isophote_scene::{
     gpu::{self, GpuTracer},
 };
 use isophote_scene::{
-    Camera, Pass, Scene, Tracer,
+    Camera, Pass, Scene, Selection, Tracer,
     reference::{self, Progress, Quantity, Render, Settings, Tracers},
 };
 
@@ -49,6 +49,8 @@ pub(crate) struct Order<'a> {
     pub(crate) size: [u32; 2],
     pub(crate) quantities: &'a [Quantity],
     pub(crate) settings: &'a Settings,
+    /// The part of the scene that tracers are built of.
+    pub(crate) selection: &'a Selection,
     /// The bounding distance, where one was asked for, metres.
     pub(crate) min_d: Option<f32>,
 }

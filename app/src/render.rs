@@ -222,12 +222,18 @@ impl RenderArgs {
         }
     }
 
-    fn order<'a>(&'a self, camera: &'a Camera, settings: &'a Settings) -> Order<'a> {
+    fn order<'a>(
+        &'a self,
+        camera: &'a Camera,
+        settings: &'a Settings,
+        selection: &'a Selection,
+    ) -> Order<'a> {
         Order {
             camera,
             size: self.size,
             quantities: &self.quantity,
             settings,
+            selection,
             min_d: self.min_d,
         }
     }
@@ -277,7 +283,7 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
         settings.insert(name.into(), value);
     }
     let wanted = args.settings_of();
-    let order = args.order(&camera, &wanted);
+    let order = args.order(&camera, &wanted, &selection);
     for (name, value) in args.chosen().header(&order) {
         settings.insert(name.into(), value);
     }

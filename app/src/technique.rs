@@ -2,6 +2,7 @@
 
 mod igi;
 mod ldi;
+mod ldm;
 mod reference;
 
 use anyhow::{Result, bail};
@@ -27,6 +28,8 @@ pub(crate) enum TechniqueChoice {
     Ldi,
     /// Instant global illumination: the light that bounced as that of virtual point lights, one shadow ray each
     Igi,
+    /// Layered depth maps along fixed directions: ambient occlusion and obscurance
+    Ldm,
 }
 
 /// What can be chosen of the techniques.
@@ -36,6 +39,8 @@ pub(crate) struct TechniqueArgs {
     ldi: ldi::LdiTechnique,
     #[command(flatten)]
     igi: igi::IgiTechnique,
+    #[command(flatten)]
+    ldm: ldm::LdmTechnique,
 }
 
 /// A way to make pictures.
@@ -86,6 +91,7 @@ impl TechniqueArgs {
             TechniqueChoice::Reference => &reference::Reference,
             TechniqueChoice::Ldi => &self.ldi,
             TechniqueChoice::Igi => &self.igi,
+            TechniqueChoice::Ldm => &self.ldm,
         }
     }
 
@@ -95,6 +101,7 @@ impl TechniqueArgs {
         let groups = [
             (TechniqueChoice::Ldi, ids::<ldi::LdiTechnique>()),
             (TechniqueChoice::Igi, ids::<igi::IgiTechnique>()),
+            (TechniqueChoice::Ldm, ids::<ldm::LdmTechnique>()),
         ];
         for (of, flags) in groups {
             if of != choice {

@@ -1,0 +1,137 @@
+//! The points that maps are asked for, eight side by side: a picture's pixels, a mesh's vertices or a lightmap's texels.
+
+use glam::{UVec2, Vec2, Vec3};
+use isophote_scene::{
+    Aabb, Camera, Receiver, Receivers, Scene, SurfacePoint, Tracer, facing, reference::Normals,
+    sample::radical_inverse,
+};
+use rayon::prelude::*;
+
+use super::lanes::{LANES, Vectors};
+
+/// A point and its normals, on the side that light is computed for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// Metres.
+    pub position: Vec3,
+    /// Light comes from the hemisphere around it, unit.
+    pub shading_normal: Vec3,
+    /// That of the plane the point lies in, unit; nothing comes from below it.
+    pub geometric_normal: Vec3,
+}
+
+/// Points, and which pixel, vertex or texel each is for.
+#[derive(Clone, Debug, Default)]
+pub struct Points {
+    pub(crate) points: Vec<Point>,
+    pub(crate) indices: Vec<u32>,
+}
+
+/// Eight points relative to an origin; the last point again where there are fewer.
+#[derive(Clone, Copy)]
+pub(crate) struct PointBlock {
+    pub(crate) positions: Vectors,
+    pub(crate) shading: Vectors,
+    pub(crate) geometric: Vectors,
+}
+
+impl Point {
+    /// A surface's point on the side of a direction.
+    pub fn new(point: &SurfacePoint, view: Vec3, normals: Normals) -> Self {
+        let geometric_normal = facing(point.geometric_normal, view);
+        Self {
+            position: point.position,
+            shading_normal: match normals {
+                Normals::Smooth => facing(point.shading_normal, view),
+                Normals::Flat => geometric_normal,
+            },
+            geometric_normal,
+        }
+    }
+}
+
+impl Points {
+    /// Any receivers, on the side of their shading normals, with their own indices.
+    pub fn of_receivers(receivers: &Receivers, normals: Normals) -> Self {
+        let point = |receiver: &Receiver| {
+            Point::new(&receiver.point, receiver.point.shading_normal, normals)
+        };
+        Self {
+            points: receivers.points.iter().map(point).collect(),
+            indices: receivers
+                .points
+                .iter()
+                .map(|receiver| receiver.index)
+                .collect(),
+        }
+    }
+
+    /// What a camera sees at one place of each pixel: sample 0 is its centre, the next ones are spread over it. The index is
+    /// the pixel's number, row by row from the top.
+    pub fn from_camera<T: Tracer + ?Sized>(
+        scene: &Scene,
+        tracer: &T,
+        camera: &Camera,
+        size: [u32; 2],
+        sample: u32,
+        normals: Normals,
+    ) -> Self {
+        let [width, height] = size;
+        let place = [2, 3].map(|base| (radical_inverse(base, sample) + 0.5).fract());
+        let see = |pixel: u32| {
+            let corner = UVec2::new(pixel % width, pixel / width).as_vec2();
+            let ray = camera.ray(corner + Vec2::from_array(place), width, height);
+            let hit = tracer.closest_hit(&ray)?;
+            let point = Point::new(&scene.surface_point(&hit), -ray.direction, normals);
+            Some((point, pixel))
+        };
+        let found: Vec<(Point, u32)> = (0..width * height)
+            .into_par_iter()
+            .filter_map(see)
+            .collect();
+        let (points, indices) = found.into_iter().unzip();
+        Self { points, indices }
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+}
+
+impl PointBlock {
+    /// Blocks of points relative to an origin.
+    pub(crate) fn pack(points: &[Point], origin: Vec3) -> Vec<Self> {
+        points
+            .chunks(LANES)
+            .map(|points| Self::of(points, origin))
+            .collect()
+    }
+
+    fn of(points: &[Point], origin: Vec3) -> Self {
+        let point = |lane: usize| &points[lane.min(points.len() - 1)];
+        let lanes = |of: &dyn Fn(&Point) -> Vec3| {
+            let vectors: [Vec3; LANES] = std::array::from_fn(|lane| of(point(lane)));
+            [0, 1, 2].map(|axis| vectors.map(|vector| vector[axis]))
+        };
+        Self {
+            positions: lanes(&|point| point.position - origin),
+            shading: lanes(&|point| point.shading_normal),
+            geometric: lanes(&|point| point.geometric_normal),
+        }
+    }
+
+    /// The box around some blocks.
+    pub(crate) fn bounds(blocks: &[Self]) -> Aabb {
+        let point = |block: &Self, lane| Vec3::from_array(block.positions.map(|axis| axis[lane]));
+        let points = blocks
+            .iter()
+            .flat_map(|block| (0..LANES).map(move |lane| point(block, lane)));
+        Aabb::around(points)
+    }
+}
