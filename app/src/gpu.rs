@@ -2,9 +2,12 @@
 
 use anyhow::Result;
 use isophote_ldi::gpu::LdiGpuTracer;
-use isophote_scene::gpu::{
-    AdapterChoice, BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, GpuTracer,
-    RayQueryBoxTracer, RayQueryTracer,
+use isophote_scene::{
+    Leaves,
+    gpu::{
+        AdapterChoice, BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, GpuTracer,
+        RayQueryBoxTracer, RayQueryTracer,
+    },
 };
 
 use crate::{
@@ -64,6 +67,12 @@ pub(crate) fn build(
         GpuTracerChoice::ComputeBvh => boxed::<ComputeBvhTracer>(context, plan, &()),
         GpuTracerChoice::RayQuery => boxed::<RayQueryTracer>(context, plan, &()),
         GpuTracerChoice::Boxes => boxed::<RayQueryBoxTracer>(context, plan, &()),
+        GpuTracerChoice::ComputeBoxes => {
+            let (scene, selection) = (plan.scene, plan.selection);
+            let tracer = ComputeBvhTracer::build_with(context, scene, selection, Leaves::Boxes)?;
+            let bytes = tracer.bytes();
+            Ok((Box::new(tracer), bytes))
+        }
         GpuTracerChoice::Ldi => maps(context, plan),
     }
 }

@@ -42,6 +42,8 @@ pub(crate) enum AnyTracer {
     RayQuery,
     /// GPU: the boxes around triangles, by the GPU's own ray tracing
     Boxes,
+    /// GPU: the boxes around triangles, by a bounding volume hierarchy
+    ComputeBoxes,
 }
 
 /// Where to compute.
@@ -70,6 +72,7 @@ impl AnyTracer {
             Self::ComputeBvh => Choice::Gpu(GpuTracerChoice::ComputeBvh),
             Self::RayQuery => Choice::Gpu(GpuTracerChoice::RayQuery),
             Self::Boxes => Choice::Gpu(GpuTracerChoice::Boxes),
+            Self::ComputeBoxes => Choice::Gpu(GpuTracerChoice::ComputeBoxes),
         }
     }
 
@@ -139,6 +142,7 @@ pub(crate) enum GpuTracerChoice {
     ComputeBvh,
     RayQuery,
     Boxes,
+    ComputeBoxes,
     Ldi,
 }
 

@@ -512,7 +512,6 @@ fn the_technique_igi_renders() {
         (&["--technique=igi", "--quantity=ao"], "but not ao"),
         (&["--technique=igi", "--igi-interleaving=9x1"], "3x3"),
         (&["--igi-paths=4"], "--technique igi"),
-        (&["--technique=igi", "--tracer=boxes"], "on the CPU"),
         (&["--technique=ldi", "--igi-paths=4"], "--technique igi"),
     ] {
         place.refused(

@@ -199,6 +199,55 @@ fn the_technique_ldi_renders_the_same_picture() {
 }
 
 #[test]
+fn the_technique_igi_renders_the_same_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let Some(adapter) = adapters(at).into_iter().next() else {
+        return;
+    };
+    let name = adapter["name"].as_str().unwrap();
+    let render = [
+        "render",
+        "builtin:cornell",
+        "--technique=igi",
+        "--size=48x36",
+        "--igi-paths=60",
+        "--igi-bounces=2",
+        "--igi-downsampling=2",
+        "--igi-interleaving=2x2",
+        "--json",
+    ];
+    let on_cpu = json(
+        at,
+        &[&render[..], &["--device=cpu", "-o", "cpu.exr"]].concat(),
+    );
+    let chosen = ["--device=gpu", "--adapter", name, "-o", "gpu.exr"];
+    let on_gpu = json(at, &[&render[..], &chosen].concat());
+    assert_eq!(on_gpu["settings"]["tracer"], "compute-bvh");
+    let [found, expected] = [&on_gpu, &on_cpu].map(|report| report["rays"].as_f64().unwrap());
+    assert!((found / expected - 1.0).abs() < 5e-3, "{on_gpu}");
+    for layer in ["", "direct", "indirect", "irradiance.indirect"] {
+        let compare = ["compare", "gpu.exr", "cpu.exr", "--json"];
+        let layer: &[&str] = match layer {
+            "" => &[],
+            layer => &["--layer", layer],
+        };
+        let compared = json(at, &[&compare[..], layer].concat());
+        let error = compared["rel_rmse"].as_f64().unwrap();
+        assert!(error < 5e-3, "{layer:?}: {compared}");
+    }
+    // Imperfect visibility: the camera and direct light see triangles.
+    let boxes = ["--tracer=compute-boxes", "-o", "boxes.exr"];
+    json(at, &[&render[..], &boxes, &["--adapter", name]].concat());
+    let compare = ["compare", "boxes.exr", "cpu.exr", "--json"];
+    let error = |layer| {
+        let compared = json(at, &[&compare[..], &["--layer", layer]].concat());
+        compared["rel_rmse"].as_f64().unwrap()
+    };
+    assert!(error("direct") < 5e-3 && error("indirect") > 0.0);
+}
+
+#[test]
 fn wrong_devices_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();

@@ -4,8 +4,8 @@
 //! see the virtual lights: any tracer, exact or not.
 
 pub mod emission;
-mod filter;
-mod indirect;
+pub(crate) mod filter;
+pub(crate) mod indirect;
 mod specular;
 mod tiles;
 
@@ -96,15 +96,7 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
         size: [u32; 2],
         progress: &dyn Progress,
     ) -> Result<Stages> {
-        let [width, height] = size;
-        let pixels = u64::from(width) * u64::from(height);
-        if !(1..=MOST_PIXELS).contains(&pixels) {
-            return Err(Error::Parameter {
-                name: "the size of the picture",
-                value: format!("{width}x{height}"),
-                expected: "it must have 1 to 33554432 pixels",
-            });
-        }
+        let pixels = check_size(size)?;
         let (scene, exact, params) = (self.scene, self.tracers.exact, &self.params);
         let upsample = Upsample::new(size, params)?;
         let mut passes = Vec::new();
@@ -238,6 +230,19 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
             Pattern::Irregular => shuffled(place, m * n, hash((i / m) ^ hash(j / n))),
         }
     }
+}
+
+/// Refuses pictures that are too large, and returns the number of pixels.
+pub(crate) fn check_size([width, height]: [u32; 2]) -> Result<u64> {
+    let pixels = u64::from(width) * u64::from(height);
+    if (1..=MOST_PIXELS).contains(&pixels) {
+        return Ok(pixels);
+    }
+    Err(Error::Parameter {
+        name: "the size of the picture",
+        value: format!("{width}x{height}"),
+        expected: "it must have 1 to 33554432 pixels",
+    })
 }
 
 /// Where a place comes in a shuffled row of as many (Fisher and Yates).

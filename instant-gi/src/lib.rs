@@ -8,6 +8,8 @@
 //! 4. `cpu/indirect.rs`: the virtual point lights' light (Eq. (1)), of all or of a part of them (§4.2, §4.3).
 //! 5. `cpu/filter.rs`: samples become a picture (Eq. (2), §4.3).
 //!
+//! The same stages on GPUs: `gpu.rs` and the shaders of the stages' names (feature `gpu`).
+//!
 //! # From the paper to the code
 //!
 //! | paper | code |
@@ -15,7 +17,7 @@
 //! | §4, particles along a Halton sequence | [`cpu::emission::shoot`] |
 //! | §4, direct + specular, a Whitted-style tree; what secondary hits cost | `cpu/specular.rs`, `cpu/tiles.rs` |
 //! | Eq. (1) and the bounded geometry term | `cpu/indirect.rs`, [`isophote_scene::reference::bound`] |
-//! | §4.1, imperfect visibility | a tracer of boxes as the secondary one: `Leaves::Boxes` of scene's tree, or `boxes` on GPUs |
+//! | §4.1, imperfect visibility | a tracer of boxes as the secondary one: `Leaves::Boxes` of scene's trees on CPUs and GPUs, or `boxes` of ray queries |
 //! | §4.2, downsampling, Eq. (2) | [`GiParams::downsampling`], [`isophote_filters::JointBilateral`] |
 //! | §4.3, interleaved sampling, discontinuity buffer | [`GiParams::interleaving`], [`isophote_filters::DiscontinuityBuffer`] |
 //! | §6, irregular interleaving | [`Pattern::Irregular`] |
@@ -31,6 +33,8 @@
 
 pub mod cpu;
 mod error;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod params;
 
 pub use self::{

@@ -79,6 +79,11 @@ impl Default for GiParams {
 }
 
 impl GiParams {
+    /// Whether there is anything to compensate.
+    pub(crate) fn compensates(&self) -> bool {
+        self.compensation > 0 && self.min_d > 0.0
+    }
+
     /// An error unless every parameter is in its range.
     ///
     /// # Errors

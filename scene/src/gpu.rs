@@ -35,11 +35,11 @@
 //! | 0 | the technique |
 //! | 1 | the tracer ([`GpuTracer::bind_group`]) |
 //! | 2 | the scene's data ([`GpuScene::bind_group`]) |
-//! | 3 | G-buffer and shadow maps ([`Rasters::bind_group`]) |
+//! | 3 | G-buffer and shadow maps ([`Rasters::bind_group`]), or a second tracer ([`Linker::secondary`]) |
 //!
 //! A shader stage may use 8 storage buffers (WebGPU's default): the scene takes 3, a tracer at most 2, so a
-//! technique has 3. What lies in textures is read by other shaders: a technique tells its [`Linker`] of the scene and
-//! the tracer that it binds.
+//! technique has 3, or 1 beside two tracers. What lies in textures is read by other shaders: a technique tells its
+//! [`Linker`] of the scene and the tracers that it binds.
 
 mod compute;
 mod context;
@@ -72,4 +72,5 @@ pub use self::{
         ray_query::{RayQueryBoxTracer, RayQueryTracer, check_ray_query},
     },
     upload::GpuScene,
+    view::View,
 };

@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use glam::{Affine3A, Vec3};
 use isophote_scene::{
-    Answers, BuildTracer, BvhTracer, Camera, Error, Instance, Light, Material, Mesh, Receivers,
-    Scene, Selection,
+    Answers, BuildTracer, BvhTracer, Camera, Error, Instance, Leaves, Light, Material, Mesh,
+    Receivers, Scene, Selection,
     gpu::{
         BuildGpuTracer, ComputeBvhTracer, Context, GBuffer, GBufferPass, GpuScene, GpuTracer,
         Linker, Rasters, RayBatch, RayQueryBoxTracer, RayQueryTracer, ShaderPackage, ShadowMaps,
@@ -49,6 +49,7 @@ fn tracers(context: &Context, scene: &Arc<Scene>) -> Vec<Box<dyn GpuTracer>> {
         Box::new(ComputeBvhTracer::build(context, scene, &selection, &()).unwrap()),
         Box::new(RayQueryTracer::build(context, scene, &selection, &()).unwrap()),
         Box::new(RayQueryBoxTracer::build(context, scene, &selection, &()).unwrap()),
+        Box::new(ComputeBvhTracer::build_with(context, scene, &selection, Leaves::Boxes).unwrap()),
     ]
 }
 
@@ -59,7 +60,8 @@ fn batches_build_with_every_tracer() {
         let gpu_scene = GpuScene::new(context, &scene).unwrap();
         assert_eq!(gpu_scene.is_in_textures(), in_textures);
         for tracer in tracers(context, &scene) {
-            assert_eq!(tracer.shader_flags().is_empty(), !in_textures);
+            let flags = tracer.shader_flags();
+            assert_eq!(flags.contains(&"tracer_in_textures"), in_textures);
             RayBatch::new(context, &gpu_scene, &*tracer)
                 .unwrap_or_else(|error| panic!("{}: {error}", tracer.name()));
         }

@@ -8,8 +8,8 @@ use std::{path::Path, sync::Arc, time::Instant};
 
 use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
 use isophote_scene::{
-    Aabb, Alpha, BuildTracer, BvhTracer, ColorSpace, Hit, Instance, InstanceMask, Material, Mesh,
-    Ray, Scene, Selection, SurfaceId, Texture, TextureRef, Tracer, Wrap, builtin,
+    Aabb, Alpha, BuildTracer, BvhTracer, ColorSpace, Hit, Instance, InstanceMask, Leaves, Material,
+    Mesh, Ray, Scene, Selection, SurfaceId, Texture, TextureRef, Tracer, Wrap, builtin,
     gpu::{
         BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, GpuTracer, RayBatch,
         RayQueryBoxTracer, RayQueryTracer, check_ray_query,
@@ -502,14 +502,19 @@ fn boxes_agree(lab: &mut Lab) {
         let scene = builtin(name);
         let boxes = Boxes::new(&scene);
         let exact = BvhTracer::build(&scene, &Selection::default(), &Default::default()).unwrap();
-        let tracer =
-            RayQueryBoxTracer::build(&lab.context, &scene, &Selection::default(), &()).unwrap();
+        let selection = Selection::default();
+        let query = RayQueryBoxTracer::build(&lab.context, &scene, &selection, &()).unwrap();
+        let walked =
+            ComputeBvhTracer::build_with(&lab.context, &scene, &selection, Leaves::Boxes).unwrap();
         // Starting within a flat box or just outside is a matter of rounding, so no ray starts on a surface.
         let rays: Vec<Ray> = rays(&scene, &exact, lab.rays)
             .into_iter()
             .step_by(2)
             .collect();
-        let answers = lab.ask(&scene, &tracer, &rays);
-        check(name, &scene, &boxes, &rays, &answers);
+        for tracer in [&query as &dyn GpuTracer, &walked] {
+            lab.batch = None;
+            let answers = lab.ask(&scene, tracer, &rays);
+            check(name, &scene, &boxes, &rays, &answers);
+        }
     }
 }

@@ -11,7 +11,15 @@ use isophote_scene::{
     reference::{Estimate, Layers, Normals, Progress, Quantity, Render},
 };
 
+#[cfg(feature = "gpu")]
+use isophote_scene::gpu::{
+    GpuTracer,
+    reference::{Integrator, World},
+};
+
 use super::Technique;
+#[cfg(feature = "gpu")]
+use crate::gpu::Gpu;
 use crate::{
     applies::Idle,
     reference::{Ground, Made, Order},
@@ -131,10 +139,6 @@ impl Technique for IgiTechnique {
         ]
     }
 
-    fn runs_on_gpu(&self) -> bool {
-        false
-    }
-
     fn costs(&self) -> [u64; 2] {
         [4, 512]
     }
@@ -146,7 +150,11 @@ impl Technique for IgiTechnique {
         order: Order<'_>,
         progress: &dyn Progress,
     ) -> Result<Made> {
-        let tracers = ground.on_cpu().context("it runs on the CPU")?;
+        #[cfg(feature = "gpu")]
+        if let Some((gpu, exact)) = ground.on_gpu() {
+            return on_gpu(&self.params(&order), scene, gpu, exact, order, progress);
+        }
+        let tracers = ground.on_cpu().context("there is no tracer")?;
         let gi = InstantGi::new(scene, tracers, &self.params(&order))?;
         let stages = gi.render(order.camera, order.size, progress)?;
         let layers = Layers::of(
@@ -156,27 +164,62 @@ impl Technique for IgiTechnique {
             order.size,
             Normals::Smooth,
         );
-        let estimate = |&quantity| Estimate {
-            quantity,
-            values: values(&stages, quantity),
-            // There are no two halves.
-            noise: f32::NAN,
-        };
-        let render = Render {
+        Ok(made(stages, layers, &order, BTreeMap::new()))
+    }
+}
+
+#[cfg(feature = "gpu")]
+fn on_gpu(
+    params: &GiParams,
+    scene: &Scene,
+    gpu: &Gpu,
+    exact: &dyn GpuTracer,
+    order: Order<'_>,
+    progress: &dyn Progress,
+) -> Result<Made> {
+    let context = &gpu.context;
+    let world = World {
+        scene,
+        gpu_scene: &gpu.scene,
+        exact,
+        secondary: &*gpu.tracer,
+    };
+    let gi = isophote_instant_gi::gpu::InstantGi::new(context, world, params, order.size)?;
+    let stages = gi.render(context, world, order.camera, progress)?;
+    let passes = stages.passes.iter();
+    let gpu_seconds = passes
+        .map(|pass| (pass.name.to_owned(), pass.seconds))
+        .collect();
+    let integrator = Integrator::new(context);
+    let layers = integrator.layers(world, order.camera, order.size, Normals::Smooth)?;
+    Ok(made(stages, layers, &order, gpu_seconds))
+}
+
+fn made(
+    stages: Stages,
+    layers: Layers,
+    order: &Order<'_>,
+    gpu_seconds: BTreeMap<String, f64>,
+) -> Made {
+    let estimate = |&quantity| Estimate {
+        quantity,
+        values: values(&stages, quantity),
+        // There are no two halves.
+        noise: f32::NAN,
+    };
+    Made {
+        render: Render {
             size: order.size,
             estimates: order.quantities.iter().map(estimate).collect(),
             layers,
             rays: stages.rays(),
-        };
-        let layers = stages
+        },
+        stages: stages
             .layers()
-            .map(|(name, values)| (name, values.to_vec()));
-        Ok(Made {
-            render,
-            stages: layers.into(),
-            passes: stages.passes,
-            gpu_seconds: BTreeMap::new(),
-        })
+            .map(|(name, values)| (name, values.to_vec()))
+            .into(),
+        passes: stages.passes,
+        gpu_seconds,
     }
 }
 

@@ -11,18 +11,18 @@ use isophote_scene::GBuffer;
 use crate::{Filter, GiParams, Result};
 
 /// The filters of a picture's size.
-pub(super) struct Upsample {
-    pub(super) grid: SampleGrid,
+pub(crate) struct Upsample {
+    pub(crate) grid: SampleGrid,
     size: [usize; 2],
     tile: [usize; 2],
     filter: Filter,
-    buffer: DiscontinuityBuffer,
-    bilateral: JointBilateral,
-    single: SinglePass,
+    pub(crate) buffer: DiscontinuityBuffer,
+    pub(crate) bilateral: JointBilateral,
+    pub(crate) single: SinglePass,
 }
 
 impl Upsample {
-    pub(super) fn new(size: [u32; 2], params: &GiParams) -> Result<Self> {
+    pub(crate) fn new(size: [u32; 2], params: &GiParams) -> Result<Self> {
         let size = size.map(|side| side as usize);
         let factor = params.downsampling as usize;
         let tile = params.interleaving.map(|side| side as usize);
@@ -61,6 +61,21 @@ impl Upsample {
         })
     }
 
+    /// Whether the samples are the picture.
+    pub(crate) fn is_copy(&self) -> bool {
+        self.grid.size() == self.size && !self.is_tiled()
+    }
+
+    /// Whether tiles are joined and samples upsampled at once.
+    pub(crate) fn is_single(&self) -> bool {
+        self.filter == Filter::Edges && self.is_tiled()
+    }
+
+    /// Whether there are tiles to be joined.
+    pub(crate) fn is_tiled(&self) -> bool {
+        self.tile != [1, 1]
+    }
+
     /// Irradiance in every pixel of that of the samples.
     pub(super) fn apply(
         &self,
@@ -70,13 +85,11 @@ impl Upsample {
     ) -> Result<Vec<Vec3>> {
         let [columns, rows] = self.grid.size();
         let [width, height] = self.size;
-        let is_full = self.grid.size() == self.size;
-        if is_full && self.tile == [1, 1] {
+        if self.is_copy() {
             return Ok(samples.to_vec());
         }
         let (normals, depths) = seen.normals_and_depths(eye);
-        let axes = [eye.right, eye.up, eye.forward].map(|axis| axis.to_array());
-        let camera = Pinhole::new(eye.eye.to_array(), axes, eye.yfov)?;
+        let camera = pinhole(eye)?;
         let guides = Guides::new(
             ImageView::new(bytemuck::cast_slice(&normals), width, height, 3)?,
             ImageView::new(&depths, width, height, 1)?,
@@ -84,13 +97,13 @@ impl Upsample {
         )?;
         let view = ImageView::new(bytemuck::cast_slice(samples), columns, rows, 3)?;
         let mut output = vec![Vec3::ZERO; width * height];
-        if self.filter == Filter::Edges && self.tile != [1, 1] {
+        if self.is_single() {
             self.single
                 .apply(view, &guides, bytemuck::cast_slice_mut(&mut output))?;
             return Ok(output);
         }
         let mut joined = samples.to_vec();
-        if self.tile != [1, 1] {
+        if self.is_tiled() {
             let coarse_normals = self.grid.gather(ImageView::new(
                 bytemuck::cast_slice(&normals),
                 width,
@@ -113,4 +126,10 @@ impl Upsample {
             .apply(view, &guides, bytemuck::cast_slice_mut(&mut output))?;
         Ok(output)
     }
+}
+
+/// The camera, as the filters know it.
+pub(crate) fn pinhole(eye: &isophote_scene::Pinhole) -> Result<Pinhole> {
+    let axes = [eye.right, eye.up, eye.forward].map(|axis| axis.to_array());
+    Ok(Pinhole::new(eye.eye.to_array(), axes, eye.yfov)?)
 }

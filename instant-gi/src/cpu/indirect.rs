@@ -220,4 +220,4 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
 }
 
 /// Compensating rays have random numbers of their own.
-const COMPENSATION: u64 = 0x6b6b;
+pub(crate) const COMPENSATION: u64 = 0x6b6b;

@@ -200,7 +200,11 @@ impl Context {
         let (device, queue) = wgpu::Device::noop(&wgpu::DeviceDescriptor {
             label: Some("noop"),
             required_features: OPTIONAL,
-            required_limits: limits.using_minimum_supported_acceleration_structure_values(),
+            required_limits: Limits {
+                // Of one stage; every Vulkan device with ray queries has 16.
+                max_acceleration_structures_per_shader_stage: 2,
+                ..limits.using_minimum_supported_acceleration_structure_values()
+            },
             experimental_features: experimental(),
             ..Default::default()
         });

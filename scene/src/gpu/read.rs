@@ -36,6 +36,55 @@ impl Context {
         })
     }
 
+    /// Copies all texels of a texture (usage `COPY_SRC`; the first mip level and layer) back, row by row from the top.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read); [`Error::Gpu`] too when a texel is not as large as `T`.
+    pub fn read_texture<T: Pod>(&self, what: &str, texture: &wgpu::Texture) -> Result<Vec<T>> {
+        let texel = size_of::<T>() as u32;
+        if texture.format().block_copy_size(None) != Some(texel) {
+            let reason = format!("its texels are {:?}, not {texel} bytes", texture.format());
+            return Err(Error::gpu(what, reason));
+        }
+        let (width, height) = (texture.width(), texture.height());
+        let row = (texel * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+        let size = u64::from(row) * u64::from(height);
+        self.check_size(what, size, self.device().limits().max_buffer_size)?;
+        let buffer = self.check(what, |device| {
+            let buffer = device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(what),
+                size,
+                usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+                mapped_at_creation: false,
+            });
+            let mut encoder = device
+                .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(what) });
+            let target = wgpu::TexelCopyBufferInfo {
+                buffer: &buffer,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(row),
+                    rows_per_image: None,
+                },
+            };
+            let extent = wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: 1,
+            };
+            encoder.copy_texture_to_buffer(texture.as_image_copy(), target, extent);
+            self.queue().submit([encoder.finish()]);
+            buffer
+        })?;
+        self.map(what, &buffer, |mapped| {
+            let rows = mapped.chunks_exact(row as usize);
+            let texels = rows.flat_map(|row| {
+                bytemuck::pod_collect_to_vec::<u8, T>(&row[..(texel * width) as usize])
+            });
+            texels.collect()
+        })
+    }
+
     /// Maps a whole buffer (usage `MAP_READ`) and takes what is needed of it.
     pub(crate) fn map<R>(
         &self,

@@ -3,7 +3,8 @@
 //! A crate lists its modules with [`shader_package!`](crate::shader_package). In WESL an import names the package
 //! first: `import scene::ray::{Ray, Hit};` is the module `ray` of this crate, `import package::…` one of the own
 //! crate. The package `tracer` is whichever [`GpuTracer`](super::GpuTracer) a pipeline is built with:
-//! `import tracer::{closest_hit, any_hit};`.
+//! `import tracer::{closest_hit, any_hit};`. A shader that asks two tracers imports the other from `secondary`, and binds
+//! it as group 3.
 //!
 //! Names are only found through `import` statements at the top of a module, before directives like `enable`.
 
@@ -24,7 +25,9 @@ use crate::{Error, Result, shader_package};
 pub const SHADERS: ShaderPackage = shader_package!(
     "scene",
     [
+        "boxes",
         "bsdf",
+        "emission",
         "gbuffer/raster",
         "gbuffer/read",
         "lighting",
@@ -38,6 +41,7 @@ pub const SHADERS: ShaderPackage = shader_package!(
         "reference/work",
         "sample",
         "scene_data",
+        "seen",
         "shadow/raster",
         "shadow/read",
         "surface",
@@ -84,6 +88,7 @@ macro_rules! shader_package {
 pub struct Linker {
     packages: Vec<ShaderPackage>,
     tracer: Option<&'static str>,
+    secondary: Option<&'static str>,
     features: Vec<(String, bool)>,
 }
 
@@ -92,6 +97,7 @@ impl Default for Linker {
         Self {
             packages: vec![SHADERS],
             tracer: None,
+            secondary: None,
             features: Vec::new(),
         }
     }
@@ -115,6 +121,19 @@ impl Linker {
         let linker = packages.fold(self, |linker, &package| linker.package(package));
         let flags = tracer.shader_flags().iter();
         flags.fold(linker, |linker, flag| linker.feature(flag, true))
+    }
+
+    /// Says whom `import secondary::…` stands for, in shaders that ask two tracers. It may be of the same kind as the other:
+    /// its modules are linked once more, with group 3 in the place of group 1.
+    #[must_use]
+    pub fn secondary(mut self, tracer: &dyn GpuTracer) -> Self {
+        self.secondary = Some(tracer.module());
+        let packages = tracer.packages().iter();
+        let linker = packages.fold(self, |linker, &package| linker.package(package));
+        let flags = tracer.shader_flags().iter();
+        flags.fold(linker, |linker, flag| {
+            linker.feature(&format!("{SECONDARY}_{flag}"), true)
+        })
     }
 
     /// Says how the data of the scene that will be bound are read. Those of most scenes are read as without this; a
@@ -173,10 +192,19 @@ impl Linker {
         let path: Vec<&str> = path.components.iter().map(String::as_str).collect();
         let (package, module) = path.split_first()?;
         let name = module.join("/");
-        let package = self.packages.iter().find(|one| one.name == *package)?;
+        let package = match *package {
+            SECONDARY => self.secondary_package()?,
+            package => package,
+        };
+        let package = self.packages.iter().find(|one| one.name == package)?;
         let (_, text) = package.modules.iter().find(|(own, _)| *own == name)?;
         let folder = package.name.replace('_', "-");
         Some((format!("{folder}/shaders/{name}.wesl"), text))
+    }
+
+    /// Where the modules of the second tracer are.
+    fn secondary_package(&self) -> Option<&'static str> {
+        self.secondary?.split("::").next()
     }
 
     fn validate(&self, wgsl: &str, root: &ModulePath) -> Result<(naga::Module, ModuleInfo)> {
@@ -236,10 +264,11 @@ impl Linker {
 impl Resolver for Linker {
     fn resolve_source<'a>(&'a self, path: &ModulePath) -> Result<Cow<'a, str>, ResolveError> {
         match self.find(path) {
+            Some((_, text)) if is_secondary(path) => Ok(of_secondary(text).into()),
             Some((_, text)) => Ok(text.into()),
             None => Err(ResolveError::ModuleNotFound(
                 path.clone(),
-                if path.components == ["tracer"] {
+                if path.components == ["tracer"] || path.components == [SECONDARY] {
                     "this shader needs a tracer, but the linker was given none".into()
                 } else {
                     "is its package given to the linker?".into()
@@ -256,7 +285,13 @@ impl Resolver for Linker {
                 .with_source(source.to_string())
         })?;
         // The path of a package would hold through which other package it was reached, which would make two of one.
-        let own = path.components.first().cloned().unwrap_or_default();
+        let own = match path.components.first() {
+            // This crate's tracers are one module each; what they import is what shaders import.
+            Some(own) if own == SECONDARY && self.secondary_package() == Some(SHADERS.name) => {
+                SHADERS.name.to_owned()
+            }
+            own => own.cloned().unwrap_or_default(),
+        };
         for path in unit
             .imports
             .iter_mut()
@@ -273,6 +308,12 @@ impl Resolver for Linker {
                     let tracer = tracer.split("::").map(str::to_owned);
                     path.components.splice(0..0, tracer);
                 }
+                _ if package == SECONDARY => {
+                    let tracer = self.secondary.unwrap_or_default().split("::");
+                    let module = tracer.skip(1).map(str::to_owned);
+                    path.components.splice(0..0, module);
+                    path.components.insert(0, SECONDARY.into());
+                }
                 _ => path.components.insert(0, package),
             }
         }
@@ -282,6 +323,27 @@ impl Resolver for Linker {
     fn display_name(&self, path: &ModulePath) -> Option<String> {
         self.find(path).map(|(file, _)| file)
     }
+}
+
+/// The package that stands for the second tracer.
+const SECONDARY: &str = "secondary";
+
+fn is_secondary(path: &ModulePath) -> bool {
+    path.components.first().is_some_and(|own| own == SECONDARY)
+}
+
+/// A module of a tracer as it is for the second one: with bindings and flags of its own. Lines stay where they are.
+fn of_secondary(text: &str) -> String {
+    let text = text.replace("@group(1)", "@group(3)");
+    let mut parts = text.split("@if(");
+    let mut moved = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let (condition, rest) = part.split_once(')').unwrap_or((part, ""));
+        let name = condition.trim_start_matches('!');
+        let not = &condition[..condition.len() - name.len()];
+        moved.push_str(&format!("@if({not}{SECONDARY}_{name}){rest}"));
+    }
+    moved
 }
 
 /// A linked and valid shader.

@@ -5,10 +5,10 @@ use glam::{Mat3, Vec2, Vec3};
 
 use crate::{Aabb, Camera, Projection};
 
-/// `scene::view::View`.
+/// A camera in a picture, as `scene::view::View` of shaders: a part of a technique's uniforms.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub(super) struct View {
+pub struct View {
     pub(super) right: Vec3,
     pub(super) half_width: f32,
     pub(super) up: Vec3,
@@ -27,7 +27,7 @@ const NEAR: f32 = 1e-5;
 
 impl View {
     /// What a camera sees of a scene in a picture of some size in pixels.
-    pub(super) fn of_camera(camera: &Camera, [width, height]: [u32; 2], scene: &Aabb) -> Self {
+    pub fn of_camera(camera: &Camera, [width, height]: [u32; 2], scene: &Aabb) -> Self {
         let matrix = camera.transform.matrix3;
         let axes = Mat3::from_cols(
             Vec3::from(matrix.x_axis).normalize_or(Vec3::X),

@@ -6,6 +6,9 @@ use isophote_scene::{Error, Pass, gpu::Context};
 use super::Hybrid;
 use crate::{Result, Stages};
 
+/// What is read.
+const STAGE: &str = "reading a stage";
+
 impl Hybrid {
     /// The stages' results, once what [`record`](Self::record) has recorded was submitted. Of what they took only rays are
     /// known, those towards lights from what secondary rays hit among them.
@@ -26,8 +29,8 @@ impl Hybrid {
     }
 
     fn rays(&self, context: &Context) -> Result<Vec<Pass>> {
-        let normals = texels(context, self.target.normals.texture())?;
-        let depths = texels(context, self.target.depths.texture())?;
+        let normals: Vec<Vec4> = context.read_texture(STAGE, self.target.normals.texture())?;
+        let depths: Vec<Vec4> = context.read_texture(STAGE, self.target.depths.texture())?;
         let sum = |texels: &[Vec4], channel: usize| -> u64 {
             texels.iter().map(|texel| texel[channel] as u64).sum()
         };
@@ -47,7 +50,8 @@ impl Hybrid {
 
 /// The colours of a texture; `marked` ones have 1 in the fourth channel of every pixel that was written.
 fn read(context: &Context, texture: &wgpu::Texture, marked: bool) -> Result<Vec<Vec3>> {
-    let colors = texels(context, texture)?.into_iter().map(|texel| {
+    let texels: Vec<Vec4> = context.read_texture(STAGE, texture)?;
+    let colors = texels.into_iter().map(|texel| {
         let color = texel.truncate();
         if color.is_finite() && (!marked || texel.w == 1.0) {
             return Ok(color);
@@ -61,37 +65,4 @@ fn read(context: &Context, texture: &wgpu::Texture, marked: bool) -> Result<Vec<
         .into())
     });
     colors.collect()
-}
-
-/// All of a texture, row by row.
-fn texels(context: &Context, texture: &wgpu::Texture) -> Result<Vec<Vec4>> {
-    let (width, height) = (texture.width(), texture.height());
-    let row = (16 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-    let what = "reading a stage";
-    let buffer = context.check(what, |device| {
-        let buffer = device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some(what),
-            size: u64::from(row) * u64::from(height),
-            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
-            mapped_at_creation: false,
-        });
-        let mut encoder = device.create_command_encoder(&Default::default());
-        let target = wgpu::TexelCopyBufferInfo {
-            buffer: &buffer,
-            layout: wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(row),
-                rows_per_image: None,
-            },
-        };
-        encoder.copy_texture_to_buffer(texture.as_image_copy(), target, texture.size());
-        context.queue().submit([encoder.finish()]);
-        buffer
-    })?;
-    let texels: Vec<Vec4> = context.read(what, &buffer, (row / 16 * height) as usize)?;
-    let rows = texels.chunks_exact(row as usize / 16);
-    Ok(rows
-        .flat_map(|row| &row[..width as usize])
-        .copied()
-        .collect())
 }

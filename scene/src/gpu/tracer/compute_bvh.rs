@@ -15,7 +15,7 @@ use super::{
     binding::{TracerBinding, TracerTable},
 };
 use crate::{
-    Aabb, Answers, Error, Result, Scene, Selection,
+    Aabb, Answers, Error, Leaves, Result, Scene, Selection,
     gpu::Context,
     trace::{
         brute_force::{WorldTriangle, check_transforms, world_triangles},
@@ -26,21 +26,50 @@ use crate::{
     },
 };
 
-/// Finds what [`BvhTracer`](crate::BvhTracer) finds, in a shader. Binds two storage buffers, or two textures.
+/// Finds what [`BvhTracer`](crate::BvhTracer) finds, with triangles or boxes in its leaves, in a shader. Binds two storage
+/// buffers, or two textures.
 #[derive(Debug)]
 pub struct ComputeBvhTracer {
     scene: Arc<Scene>,
     selection: Selection,
+    leaves: Leaves,
     binding: TracerBinding,
+}
+
+impl ComputeBvhTracer {
+    /// As [`build`](BuildGpuTracer::build), with triangles or the boxes around them in the leaves of one and the same tree.
+    ///
+    /// # Errors
+    /// As [`build`](BuildGpuTracer::build).
+    pub fn build_with(
+        context: &Context,
+        scene: &Arc<Scene>,
+        selection: &Selection,
+        leaves: Leaves,
+    ) -> Result<Self> {
+        let tree = Tree::new(scene, selection, &scene.transforms())?;
+        Ok(Self {
+            binding: TracerBinding::new(context, "compute BVH", None, &tree.tables())?,
+            scene: scene.clone(),
+            selection: *selection,
+            leaves,
+        })
+    }
 }
 
 impl GpuTracer for ComputeBvhTracer {
     fn name(&self) -> &'static str {
-        "compute-bvh"
+        match self.leaves {
+            Leaves::Triangles => "compute-bvh",
+            Leaves::Boxes => "compute-boxes",
+        }
     }
 
     fn answers(&self) -> Answers {
-        Answers::Surface
+        match self.leaves {
+            Leaves::Triangles => Answers::Surface,
+            Leaves::Boxes => Answers::Distance,
+        }
     }
 
     fn module(&self) -> &'static str {
@@ -48,7 +77,11 @@ impl GpuTracer for ComputeBvhTracer {
     }
 
     fn shader_flags(&self) -> &[&'static str] {
-        self.binding.shader_flags()
+        match (self.leaves, self.binding.shader_flags()) {
+            (Leaves::Triangles, flags) => flags,
+            (Leaves::Boxes, []) => &["box_leaves"],
+            (Leaves::Boxes, _) => &["box_leaves", "tracer_in_textures"],
+        }
     }
 
     fn bind_group_layout(&self) -> &wgpu::BindGroupLayout {
@@ -69,12 +102,7 @@ impl BuildGpuTracer for ComputeBvhTracer {
         selection: &Selection,
         (): &(),
     ) -> Result<Self> {
-        let tree = Tree::new(scene, selection, &scene.transforms())?;
-        Ok(Self {
-            binding: TracerBinding::new(context, "compute BVH", None, &tree.tables())?,
-            scene: scene.clone(),
-            selection: *selection,
-        })
+        Self::build_with(context, scene, selection, Leaves::Triangles)
     }
 
     fn update(&mut self, context: &Context, transforms: &[Affine3A]) -> Result<()> {

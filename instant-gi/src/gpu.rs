@@ -1,0 +1,443 @@
+//! The method on a GPU, stage by stage as [`crate::cpu`]:
+//!
+//! | stage | CPU | GPU |
+//! |---|---|---|
+//! | 1. virtual point lights | `cpu/emission.rs` | `shaders/emission.wesl` |
+//! | 2. what the camera sees | `isophote_scene::GBuffer` | `shaders/gbuffer.wesl` |
+//! | 3. direct light | `cpu/specular.rs` | `shaders/direct.wesl` |
+//! | 3. mirrors and glass | `cpu/specular.rs` | `shaders/specular.wesl` |
+//! | 4. indirect light | `cpu/indirect.rs` | `shaders/indirect.wesl` |
+//! | 5. samples become a picture | `cpu/filter.rs` | `gpu/filter.rs`, over `isophote-filters` |
+//!
+//! Paths, samples and rays are chosen as on the CPU, so that the pictures differ by rounding alone. Everything is made anew
+//! for each picture, on the device: nothing is read back in between.
+//!
+//! The shaders of stages 3 and 4 ask two tracers at once. Of the 8 storage buffers of a stage the scene takes 3, each tracer
+//! 2, and this one; what stages leave to each other lies in textures.
+
+mod filter;
+mod passes;
+mod read;
+
+use std::time::{Duration, Instant};
+
+use bytemuck::{Pod, Zeroable};
+use isophote_scene::{
+    Answers, Camera, Scene,
+    gpu::{Context, Dispatch, ShaderPackage, Timer, UniformArray, View, reference::World},
+    reference::{Materials, Progress},
+    sample::hash_seed,
+    shader_package,
+};
+
+use self::{
+    filter::Filter,
+    passes::{Bound, Passes, Shared, Targets},
+};
+use crate::{
+    GiParams, Pattern, Result, Stages,
+    cpu::{check_size, filter::Upsample, indirect::COMPENSATION},
+};
+
+/// The WESL modules of this crate.
+pub const SHADERS: ShaderPackage = shader_package!(
+    "instant_gi",
+    [
+        "compose", "direct", "emission", "gbuffer", "indirect", "params", "specular", "vpls",
+    ]
+);
+
+/// Rays of a dispatch, about: a fast device takes a tenth of a second for so many, and no driver gives up on a slow one.
+const RAYS: u64 = 1 << 26;
+/// Points of a dispatch: enough to keep a device busy, and no more workgroups than a dimension holds.
+const POINTS: std::ops::RangeInclusive<u64> = 1 << 10..=1 << 21;
+const WORKGROUP: u32 = 64;
+
+/// `Params` of params.wesl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct GpuParams {
+    view: View,
+    eye: [f32; 3],
+    seed: u32,
+    forward: [f32; 3],
+    compensation_seed: u32,
+    size: [u32; 2],
+    grid: [u32; 2],
+    offset: [u32; 2],
+    tile: [u32; 2],
+    downsampling: u32,
+    irregular: u32,
+    paths: u32,
+    bounces: u32,
+    min_d: f32,
+    compensation: u32,
+    depth: u32,
+    light_rays: u32,
+    glossy_rays: u32,
+    pbr: u32,
+    rotated: u32,
+    padding: u32,
+}
+
+/// `Piece` of params.wesl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct Piece {
+    first: u32,
+    count: u32,
+}
+
+/// The stages' results: textures of `Rgba32Float`, linear RGB, as [`Stages`].
+#[derive(Debug)]
+pub struct StageTextures {
+    /// Radiance by light straight from the lights; behind it 1 and the rays it took.
+    pub direct: wgpu::Texture,
+    /// Radiance by mirrors, glass and highlights; behind it 1 and the rays it took. Zeros where the scene has none.
+    pub specular: wgpu::Texture,
+    /// Irradiance by the virtual point lights.
+    pub irradiance: wgpu::Texture,
+    /// Radiance by that irradiance.
+    pub indirect: wgpu::Texture,
+    /// The sum of direct, specular and indirect.
+    pub picture: wgpu::Texture,
+}
+
+/// Renders pictures of one size as the paper does. Twin of [`crate::InstantGi`].
+#[derive(Debug)]
+pub struct InstantGi {
+    params: GiParams,
+    size: [u32; 2],
+    grid: [u32; 2],
+    settings: wgpu::Buffer,
+    pieces: Pieces,
+    passes: Passes,
+    filter: Filter,
+    targets: Targets,
+    stages: StageTextures,
+}
+
+/// The dispatches of the stages that take many rays.
+#[derive(Debug)]
+struct Pieces {
+    array: UniformArray<Piece>,
+    direct: Vec<Dispatch>,
+    specular: Vec<Dispatch>,
+    indirect: Vec<Dispatch>,
+}
+
+impl Pieces {
+    fn new(
+        context: &Context,
+        scene: &Scene,
+        params: &GiParams,
+        pixels: u32,
+        samples: u32,
+    ) -> Result<Self> {
+        let lights = u64::from(params.paths) * u64::from(params.bounces);
+        let parts: u32 = params.interleaving.iter().product();
+        let compensation = u64::from(params.compensation);
+        let shorter = if params.bounces > 1 { lights } else { 1 };
+        let of_direct = u64::from(params.light_rays) * (scene.lights.len() as u64 + 2);
+        let of_surface = lights + compensation * shorter;
+        let of_tree = u64::from(params.glossy_rays + params.depth) * (of_surface + of_direct);
+        let mut all = Vec::new();
+        let mut split = |points: u32, rays: u64| -> Vec<Dispatch> {
+            let most = (RAYS / rays.max(1)).clamp(*POINTS.start(), *POINTS.end()) as u32;
+            let firsts = (0..points).step_by(most as usize);
+            let dispatch = |first| {
+                let count = most.min(points - first);
+                all.push(Piece { first, count });
+                Dispatch {
+                    offset: Some(UniformArray::<Piece>::offset(all.len() as u32 - 1)),
+                    workgroups: [count.div_ceil(WORKGROUP), 1, 1],
+                }
+            };
+            firsts.map(dispatch).collect()
+        };
+        let direct = split(pixels, of_direct);
+        let specular = split(pixels, of_tree);
+        let indirect = split(
+            samples,
+            lights.div_ceil(u64::from(parts)) + compensation * shorter,
+        );
+        Ok(Self {
+            array: UniformArray::new(context, "pieces", &all)?,
+            direct,
+            specular,
+            indirect,
+        })
+    }
+}
+
+/// A stage, or what of it is recorded at once.
+struct Work<'a> {
+    name: &'static str,
+    pass: &'a Bound,
+    dispatches: &'a [Dispatch],
+}
+
+impl InstantGi {
+    /// A renderer for pictures of a size in pixels.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`](crate::Error::Parameter) and [`Error::Filter`](crate::Error::Filter) for parameters out of their
+    /// range and a size of zero or of more than 2²⁵ pixels; [`Error::Scene`](crate::Error::Scene) when the exact tracer does
+    /// not answer [`Answers::Surface`], or the secondary one, which must when the bound is compensated, when a tracer's
+    /// module does not link, or the device allows no such textures and buffers.
+    pub fn new(
+        context: &Context,
+        world: World<'_>,
+        params: &GiParams,
+        size: [u32; 2],
+    ) -> Result<Self> {
+        params.check()?;
+        check_size(size)?;
+        let exact = world.exact.answers();
+        exact.require(Answers::Surface, "igi", "the exact tracer")?;
+        if params.compensates() {
+            let secondary = world.secondary.answers();
+            secondary.require(Answers::Surface, "igi", "the secondary tracer")?;
+        }
+        let upsample = Upsample::new(size, params)?;
+        let grid = upsample.grid.size().map(|side| side as u32);
+        let pieces = Pieces::new(
+            context,
+            world.scene,
+            params,
+            size[0] * size[1],
+            grid[0] * grid[1],
+        )?;
+        let (targets, stages) = Targets::new(context, params, &upsample, size)?;
+        let settings = context.buffer::<GpuParams>("settings", &[], wgpu::BufferUsages::UNIFORM)?;
+        let reflects =
+            params.depth > 0 && params.materials == Materials::Pbr && has_specular(world.scene);
+        let shared = Shared {
+            targets: &targets,
+            stages: &stages,
+            settings: &settings,
+            pieces: &pieces.array,
+        };
+        let passes = Passes::new(context, &world, params, reflects, &shared)?;
+        Ok(Self {
+            params: *params,
+            size,
+            grid,
+            filter: Filter::new(context, &upsample, size)?,
+            settings,
+            pieces,
+            passes,
+            targets,
+            stages,
+        })
+    }
+
+    /// The textures that [`record`](Self::record) fills.
+    pub fn stages(&self) -> &StageTextures {
+        &self.stages
+    }
+
+    /// Records all stages for what a camera sees. `world` is that of [`new`](Self::new), where it is now. The camera is
+    /// passed by the queue, so that there can be one picture per submission. Passes are timed by the names of
+    /// [`Stages::passes`], but for `filter`.
+    ///
+    /// # Errors
+    /// [`Error::Scene`](crate::Error::Scene) and [`Error::Filter`](crate::Error::Filter) when recording fails.
+    pub fn record(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        world: World<'_>,
+        camera: &Camera,
+        mut timer: Option<&mut Timer>,
+    ) -> Result<()> {
+        self.set_camera(context, &world, camera)?;
+        for work in self.work() {
+            work.record(encoder, &world, timer.as_deref_mut(), work.dispatches);
+        }
+        self.filter
+            .record(context, encoder, &self.targets, &self.stages)?;
+        self.compose()
+            .record(encoder, &world, timer, &[Dispatch::over_pixels(self.size)]);
+        Ok(())
+    }
+
+    /// Renders what a camera sees and reads it back, in submissions that no driver's watchdog minds; `progress` is told how
+    /// far it is. What a stage took is by the device's clock, or where it has none, and for `filter`, by the host's.
+    ///
+    /// # Errors
+    /// As [`record`](Self::record) and [`read`](Self::read).
+    pub fn render(
+        &self,
+        context: &Context,
+        world: World<'_>,
+        camera: &Camera,
+        progress: &dyn Progress,
+    ) -> Result<Stages> {
+        self.set_camera(context, &world, camera)?;
+        let work = self.work();
+        let total = work
+            .iter()
+            .map(|one| one.dispatches.len() as u64)
+            .sum::<u64>()
+            + 2;
+        let mut done = 0;
+        let mut times: Vec<(&'static str, Duration)> = Vec::new();
+        let mut timer = Timer::new(context, 1);
+        let mut submit =
+            |name: &'static str,
+             record: &mut dyn FnMut(&mut wgpu::CommandEncoder, &mut Timer) -> Result<()>|
+             -> Result<()> {
+                let mut encoder = context.device().create_command_encoder(&Default::default());
+                record(&mut encoder, &mut timer)?;
+                timer.resolve(&mut encoder);
+                let start = Instant::now();
+                context.submit(name, encoder)?;
+                context.wait(name)?;
+                let took = start.elapsed();
+                let measured = timer.read(context)?.first().map_or(took, |pass| pass.time);
+                match times.iter_mut().find(|(other, _)| *other == name) {
+                    Some((_, time)) => *time += measured,
+                    None => times.push((name, measured)),
+                }
+                done += 1;
+                progress.advance(done, total);
+                Ok(())
+            };
+        for one in &work {
+            for dispatch in one.dispatches {
+                submit(one.name, &mut |encoder, timer| {
+                    one.record(encoder, &world, Some(timer), std::slice::from_ref(dispatch));
+                    Ok(())
+                })?;
+            }
+        }
+        submit("filter", &mut |encoder, _| {
+            self.filter
+                .record(context, encoder, &self.targets, &self.stages)
+        })?;
+        submit("compose", &mut |encoder, timer| {
+            let pixels = [Dispatch::over_pixels(self.size)];
+            self.compose().record(encoder, &world, Some(timer), &pixels);
+            Ok(())
+        })?;
+        let mut stages = self.read(context)?;
+        for pass in &mut stages.passes {
+            let time = times.iter().find(|(name, _)| *name == pass.name);
+            pass.seconds = time.map_or(0.0, |(_, time)| time.as_secs_f64());
+        }
+        Ok(stages)
+    }
+
+    /// Stages 1 to 4.
+    fn work(&self) -> Vec<Work<'_>> {
+        let passes = &self.passes;
+        let mut all = vec![
+            Work {
+                name: "vpls",
+                pass: &passes.shoot,
+                dispatches: &self.targets.paths,
+            },
+            Work {
+                name: "vpls",
+                pass: &passes.compact,
+                dispatches: &ONE,
+            },
+            Work {
+                name: "camera",
+                pass: &passes.camera,
+                dispatches: &self.targets.pixels,
+            },
+            Work {
+                name: "direct",
+                pass: &passes.direct,
+                dispatches: &self.pieces.direct,
+            },
+        ];
+        if let Some(pass) = &passes.specular {
+            all.push(Work {
+                name: "mirrored",
+                pass,
+                dispatches: &self.pieces.specular,
+            });
+        }
+        all.push(Work {
+            name: "indirect",
+            pass: &passes.indirect,
+            dispatches: &self.pieces.indirect,
+        });
+        all
+    }
+
+    fn compose(&self) -> Work<'_> {
+        Work {
+            name: "compose",
+            pass: &self.passes.compose,
+            dispatches: &[],
+        }
+    }
+
+    fn set_camera(&self, context: &Context, world: &World<'_>, camera: &Camera) -> Result<()> {
+        let eye = camera.pinhole();
+        self.filter.set_camera(context, &eye)?;
+        let params = &self.params;
+        let downsampling = params.downsampling;
+        let settings = GpuParams {
+            view: View::of_camera(camera, self.size, &world.gpu_scene.bounds()),
+            eye: eye.eye.to_array(),
+            seed: hash_seed(params.seed),
+            forward: eye.forward.to_array(),
+            compensation_seed: hash_seed(params.seed ^ COMPENSATION),
+            size: self.size,
+            grid: self.grid,
+            offset: self.size.map(|side| (downsampling / 2).min(side - 1)),
+            tile: params.interleaving,
+            downsampling,
+            irregular: u32::from(params.pattern == Pattern::Irregular),
+            paths: params.paths,
+            bounces: params.bounces,
+            min_d: params.min_d,
+            compensation: params.compensation,
+            depth: params.depth,
+            light_rays: params.light_rays,
+            glossy_rays: params.glossy_rays,
+            pbr: u32::from(params.materials == Materials::Pbr),
+            rotated: u32::from(params.seed != 0),
+            padding: 0,
+        };
+        context.check("settings", |_| {
+            let bytes = bytemuck::bytes_of(&settings);
+            context.queue().write_buffer(&self.settings, 0, bytes);
+        })?;
+        Ok(())
+    }
+}
+
+const ONE: [Dispatch; 1] = [Dispatch {
+    offset: None,
+    workgroups: [1; 3],
+}];
+
+impl Work<'_> {
+    fn record(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        world: &World<'_>,
+        timer: Option<&mut Timer>,
+        dispatches: &[Dispatch],
+    ) {
+        let exact = world.exact.bind_group();
+        let scene = world.gpu_scene.bind_group();
+        let all = [&self.pass.group, exact, scene, world.secondary.bind_group()];
+        let groups = &all[..1 + self.pass.others];
+        self.pass
+            .compute
+            .record(encoder, self.name, timer, groups, dispatches);
+    }
+}
+
+/// Whether anything in a scene mirrors or refracts.
+fn has_specular(scene: &Scene) -> bool {
+    let mut materials = scene.materials.iter();
+    materials.any(|one| one.metallic > 0.0 || one.transmission > 0.0)
+}

@@ -1,0 +1,231 @@
+//! The stages' shaders, and what they leave to each other.
+
+use isophote_filters::gpu::texture;
+use isophote_scene::{
+    Error,
+    gpu::{ComputePass, Context, Dispatch, Linker, UniformArray, reference::World},
+};
+use wgpu::{BindingResource, TextureFormat, TextureView};
+
+use super::{Piece, SHADERS, StageTextures, WORKGROUP};
+use crate::{GiParams, Result, cpu::filter::Upsample};
+
+/// Bytes of a virtual point light: three words of four.
+const VPL: u64 = 48;
+
+/// A pass, and what it binds.
+#[derive(Debug)]
+pub(super) struct Bound {
+    pub(super) compute: ComputePass,
+    pub(super) group: wgpu::BindGroup,
+    /// How many of exact tracer, scene and secondary tracer.
+    pub(super) others: usize,
+}
+
+/// What the passes bind.
+pub(super) struct Shared<'a> {
+    pub(super) targets: &'a Targets,
+    pub(super) stages: &'a StageTextures,
+    pub(super) settings: &'a wgpu::Buffer,
+    pub(super) pieces: &'a UniformArray<Piece>,
+}
+
+impl<'a> Shared<'a> {
+    /// Everything that any pass binds as group 0, by its binding.
+    fn resources(&self, views: &'a [(u32, TextureView)]) -> Vec<(u32, BindingResource<'a>)> {
+        let Targets { shot, vpls, .. } = self.targets;
+        let views = views.iter();
+        [
+            (0, self.settings.as_entire_binding()),
+            (PIECE, self.pieces.binding()),
+            (2, shot.as_entire_binding()),
+            (3, vpls.as_entire_binding()),
+            (9, vpls.as_entire_binding()),
+        ]
+        .into_iter()
+        .chain(views.map(|(binding, view)| (*binding, BindingResource::TextureView(view))))
+        .collect()
+    }
+}
+
+/// The passes, in the order of the stages.
+#[derive(Debug)]
+pub(super) struct Passes {
+    pub(super) shoot: Bound,
+    pub(super) compact: Bound,
+    pub(super) camera: Bound,
+    pub(super) direct: Bound,
+    /// `None` where nothing mirrors or refracts.
+    pub(super) specular: Option<Bound>,
+    pub(super) indirect: Bound,
+    pub(super) compose: Bound,
+}
+
+/// The binding of `piece`.
+const PIECE: u32 = 1;
+
+impl Passes {
+    /// Links and compiles everything for the tracers of `world`.
+    pub(super) fn new(
+        context: &Context,
+        world: &World<'_>,
+        params: &GiParams,
+        reflects: bool,
+        shared: &Shared<'_>,
+    ) -> Result<Self> {
+        let linker = Linker::default()
+            .package(SHADERS)
+            .scene(world.gpu_scene)
+            .tracer(world.exact)
+            .secondary(world.secondary)
+            .feature("compensated", params.compensates());
+        let groups = [
+            world.exact.bind_group_layout(),
+            world.gpu_scene.bind_group_layout(),
+            world.secondary.bind_group_layout(),
+        ];
+        let views = shared.targets.views(shared.stages);
+        let resources = shared.resources(&views);
+        let bound = |module: &str, entry_point, others: usize| -> Result<Bound> {
+            let shader = linker.link(&format!("instant_gi::{module}"))?;
+            let compute = shader.compute_pass(context, entry_point, &groups[..others], &[PIECE])?;
+            Ok(Bound {
+                group: compute.bind(context, &resources)?,
+                compute,
+                others,
+            })
+        };
+        Ok(Self {
+            shoot: bound("emission", "shoot", 2)?,
+            compact: bound("emission", "compact", 0)?,
+            camera: bound("gbuffer", "camera", 2)?,
+            direct: bound("direct", "direct", 2)?,
+            specular: match reflects {
+                true => Some(bound("specular", "specular", 3)?),
+                false => None,
+            },
+            indirect: bound("indirect", "indirect", 3)?,
+            compose: bound("compose", "compose", 2)?,
+        })
+    }
+}
+
+/// What the stages leave to each other.
+#[derive(Debug)]
+pub(super) struct Targets {
+    /// Room for the lights of each path.
+    shot: wgpu::Buffer,
+    pub(super) vpls: wgpu::Buffer,
+    hits: TextureView,
+    pub(super) normals: TextureView,
+    pub(super) depths: TextureView,
+    pub(super) hidden: wgpu::Texture,
+    /// `None` where the samples are the picture.
+    samples: Option<wgpu::Texture>,
+    pub(super) sample_normals: TextureView,
+    pub(super) sample_depths: TextureView,
+    /// The dispatches over all paths and all pixels.
+    pub(super) paths: [Dispatch; 1],
+    pub(super) pixels: [Dispatch; 1],
+}
+
+impl Targets {
+    pub(super) fn new(
+        context: &Context,
+        params: &GiParams,
+        upsample: &Upsample,
+        size: [u32; 2],
+    ) -> Result<(Self, StageTextures)> {
+        check_sides(context, size)?;
+        let grid = upsample.grid.size().map(|side| side as u32);
+        let room = VPL * u64::from(params.paths) * u64::from(params.bounces);
+        let color = TextureFormat::Rgba32Float;
+        let picture = |label| texture(context, label, size, color);
+        let guide = |label, size| -> Result<TextureView> {
+            Ok(whole(&texture(context, label, size, color)?))
+        };
+        let stages = StageTextures {
+            direct: picture("direct")?,
+            specular: picture("specular")?,
+            irradiance: picture("irradiance")?,
+            indirect: picture("indirect")?,
+            picture: picture("picture")?,
+        };
+        let hits = texture(context, "hits", size, TextureFormat::Rgba32Uint)?;
+        let targets = Self {
+            shot: context.storage("light paths", room)?,
+            vpls: context.storage("virtual point lights", 16 + room)?,
+            hits: whole(&hits),
+            normals: guide("normals", size)?,
+            depths: guide("depths", size)?,
+            hidden: texture(context, "hidden rays", size, TextureFormat::R32Float)?,
+            samples: match upsample.is_copy() {
+                true => None,
+                false => Some(texture(context, "samples", grid, color)?),
+            },
+            sample_normals: guide("normals of samples", grid)?,
+            sample_depths: guide("depths of samples", grid)?,
+            paths: [Dispatch {
+                offset: None,
+                workgroups: [params.paths.div_ceil(WORKGROUP), 1, 1],
+            }],
+            pixels: [Dispatch::over_pixels(size)],
+        };
+        Ok((targets, stages))
+    }
+
+    /// Where stage 4 leaves irradiance.
+    pub(super) fn samples<'a>(&'a self, stages: &'a StageTextures) -> &'a wgpu::Texture {
+        self.samples.as_ref().unwrap_or(&stages.irradiance)
+    }
+
+    /// By their bindings in the shaders.
+    fn views(&self, stages: &StageTextures) -> [(u32, TextureView); 15] {
+        let [direct, specular, irradiance, indirect, picture] = [
+            &stages.direct,
+            &stages.specular,
+            &stages.irradiance,
+            &stages.indirect,
+            &stages.picture,
+        ]
+        .map(whole);
+        [
+            (4, self.hits.clone()),
+            (5, self.normals.clone()),
+            (6, self.depths.clone()),
+            (7, self.hits.clone()),
+            (8, direct.clone()),
+            (10, whole(self.samples(stages))),
+            (11, self.sample_normals.clone()),
+            (12, self.sample_depths.clone()),
+            (13, specular.clone()),
+            (14, whole(&self.hidden)),
+            (15, direct),
+            (16, specular),
+            (17, irradiance),
+            (18, indirect),
+            (19, picture),
+        ]
+    }
+}
+
+/// Refuses pictures that are wider or higher than textures can be, before any is made.
+fn check_sides(context: &Context, [width, height]: [u32; 2]) -> Result<()> {
+    let most = context.device().limits().max_texture_dimension_2d;
+    if width.max(height) <= most {
+        return Ok(());
+    }
+    let bytes = |width: u32, height: u32| 16 * u64::from(width) * u64::from(height);
+    Err(Error::GpuLimit {
+        what: format!("a picture of {width} × {height} pixels"),
+        needs: bytes(width, height),
+        limit: bytes(most, most),
+        adapter: context.device().adapter_info().name,
+    }
+    .into())
+}
+
+/// A texture's only view.
+pub(super) fn whole(texture: &wgpu::Texture) -> TextureView {
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}

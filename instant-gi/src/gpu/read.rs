@@ -1,0 +1,120 @@
+//! The stages brought back.
+
+use glam::{Vec3, Vec4};
+use isophote_scene::{Error, Pass, SurfaceId, SurfacePoint, gpu::Context};
+
+use super::InstantGi;
+use crate::{Result, Stages, cpu::emission::Vpl};
+
+/// Words of a virtual point light.
+const WORDS: usize = 3;
+
+impl InstantGi {
+    /// The stages' results, once what [`record`](Self::record) has recorded was submitted. Of what they took only rays are
+    /// known; `mirrored` is all that mirrors and glass take. Of the virtual point lights' surfaces only place and normal are
+    /// known.
+    ///
+    /// # Errors
+    /// [`Error::Scene`](crate::Error::Scene) when the device fails, leaves pixels unwritten or calculates what is no number.
+    pub fn read(&self, context: &Context) -> Result<Stages> {
+        let stages = &self.stages;
+        let (direct, direct_rays) = colors(context, &stages.direct)?;
+        let (specular, specular_rays) = match self.passes.specular {
+            Some(_) => colors(context, &stages.specular)?,
+            None => (vec![Vec3::ZERO; direct.len()], 0),
+        };
+        let hidden: Vec<f32> = context.read_texture("hidden rays", &self.targets.hidden)?;
+        let hidden: u64 = hidden.iter().map(|&rays| rays as u64).sum();
+        let (_, sample_rays) = colors(context, self.targets.samples(stages))?;
+        let (vpls, path_rays) = self.vpls(context)?;
+        let pixels = direct.len() as u64;
+        let passes = [
+            ("vpls", path_rays, 0),
+            ("camera", pixels, 0),
+            ("direct", direct_rays, 0),
+            ("mirrored", specular_rays - hidden, hidden),
+            ("indirect", sample_rays, 0),
+            ("filter", 0, 0),
+            ("compose", 0, 0),
+        ];
+        Ok(Stages {
+            direct,
+            specular,
+            irradiance: colors(context, &stages.irradiance)?.0,
+            indirect: colors(context, &stages.indirect)?.0,
+            picture: colors(context, &stages.picture)?.0,
+            vpls,
+            passes: passes
+                .map(|(name, rays, shadow_rays)| Pass {
+                    name,
+                    rays,
+                    shadow_rays,
+                    seconds: 0.0,
+                })
+                .into(),
+        })
+    }
+
+    /// The virtual point lights, and the rays that light paths took.
+    fn vpls(&self, context: &Context) -> Result<(Vec<Vpl>, u64)> {
+        let buffer = &self.targets.vpls;
+        let head: Vec<[u32; 4]> = context.read("virtual point lights", buffer, 1)?;
+        let [count, rays, ..] = head[0];
+        let room = self.params.paths * self.params.bounces;
+        if count > room {
+            return Err(broken(format!(
+                "there are {count} virtual point lights of {room}"
+            )));
+        }
+        let words = 1 + WORDS * count as usize;
+        let words: Vec<[u32; 4]> = context.read("virtual point lights", buffer, words)?;
+        let vector = |[x, y, z, _]: [u32; 4]| Vec3::from_array([x, y, z].map(f32::from_bits));
+        let vpl = |words: &[[u32; 4]]| {
+            let normal = vector(words[1]);
+            Vpl {
+                point: SurfacePoint {
+                    surface: SurfaceId::UNKNOWN,
+                    position: vector(words[0]),
+                    error: f32::from_bits(words[0][3]),
+                    geometric_normal: normal,
+                    shading_normal: normal,
+                    uvs: Default::default(),
+                    color: Vec4::ONE,
+                    material: 0,
+                },
+                normal,
+                intensity: vector(words[2]),
+                bounce: words[1][3],
+            }
+        };
+        Ok((
+            words[1..].chunks_exact(WORDS).map(vpl).collect(),
+            rays.into(),
+        ))
+    }
+}
+
+/// The colours of a texture, and the rays they took: behind each colour stands 1 and its rays.
+fn colors(context: &Context, texture: &wgpu::Texture) -> Result<(Vec<Vec3>, u64)> {
+    let texels: Vec<Vec4> = context.read_texture("reading a stage", texture)?;
+    let mut rays = 0;
+    let colors = texels.into_iter().map(|texel| {
+        let color = texel.truncate();
+        // A little less than 1 may be left by a filter.
+        if !color.is_finite() || texel.w.is_nan() || texel.w < 0.99 {
+            return Err(broken(format!("a pixel is {texel}")));
+        }
+        rays += texel.w as u64 - u64::from(texel.w >= 1.0);
+        Ok(color)
+    });
+    let colors = colors.collect::<Result<_>>()?;
+    Ok((colors, rays))
+}
+
+fn broken(what: String) -> crate::Error {
+    Error::Gpu {
+        what: "instant global illumination".into(),
+        reason: format!("{what}: the device did not finish, or its driver is broken"),
+    }
+    .into()
+}
