@@ -38,6 +38,9 @@ pub(crate) struct LdiArgs {
     /// How far a triangle reaches beyond its edge, for --ldi-layers center [pixels]
     #[arg(long, value_name = "PIXELS", default_value_t = LdiParams::default().epsilon, value_parser = values::not_negative)]
     ldi_epsilon: f32,
+    /// How far the depths of a layer may reach beyond what it is of: more takes less memory and more time [pixels]
+    #[arg(long, value_name = "PIXELS", default_value_t = LdiParams::default().depth_error, value_parser = values::not_negative)]
+    ldi_depth_error: f32,
     /// Refuse maps that take more memory than this [MiB]
     #[arg(long, value_name = "MIB", default_value_t = 4096, value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
     ldi_memory_limit: u64,
@@ -71,6 +74,7 @@ impl LdiArgs {
                 Layers::Touched => Coverage::Touched,
             },
             epsilon: self.ldi_epsilon,
+            depth_error: self.ldi_depth_error,
             max_bytes: self.ldi_memory_limit << 20,
         }
     }
@@ -89,6 +93,7 @@ impl LdiArgs {
                 "ldi_resolution",
                 "ldi_layers",
                 "ldi_epsilon",
+                "ldi_depth_error",
                 "ldi_memory_limit",
             ];
             return Idle::all(ids, "the file of --ldi-load says it").collect();
@@ -189,6 +194,13 @@ pub(crate) struct MapsInfo {
     pub(crate) resolution: u32,
     pub(crate) layers: &'static str,
     pub(crate) epsilon: f32,
+    /// The bound on the error of depths, and what it is, pixels.
+    pub(crate) depth_error: f32,
+    depth_error_kept: f64,
+    /// Bits of a depth.
+    depth_bits: u32,
+    /// Bytes of a layer.
+    bytes_per_layer: u32,
     /// Of building or loading them.
     seconds: f64,
     /// How many layers all pixels have together.
@@ -214,6 +226,10 @@ impl MapsInfo {
                 Coverage::Touched => "touched",
             },
             epsilon: params.epsilon,
+            depth_error: params.depth_error,
+            depth_error_kept: maps.depth_error(),
+            depth_bits: maps.layers.packing().depth_bits(),
+            bytes_per_layer: maps.layers.packing().bytes(),
             seconds: 0.0,
             layer_count: maps.layers.count(),
             map_bytes: maps.map_bytes(),
@@ -224,12 +240,13 @@ impl MapsInfo {
     }
 
     /// What the maps were built with, as flags: a file of maps may say something else than the command line.
-    pub(crate) fn settings(&self) -> [(&'static str, String); 4] {
+    pub(crate) fn settings(&self) -> [(&'static str, String); 5] {
         [
             ("ldi-cells", self.cells.to_string()),
             ("ldi-resolution", self.resolution.to_string()),
             ("ldi-layers", self.layers.to_owned()),
             ("ldi-epsilon", self.epsilon.to_string()),
+            ("ldi-depth-error", self.depth_error.to_string()),
         ]
     }
 }

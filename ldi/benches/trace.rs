@@ -1,7 +1,7 @@
 //! What maps cost and what they get wrong, beside the exact tracer on the same rays: one line of JSON for each setting.
 //!
 //! ```sh
-//! cargo bench -p isophote-ldi --bench trace -- SCENE... [--bounds X0,Y0,Z0,X1,Y1,Z1] [--case CELLSxPIXELS:LAYERS[:EPSILON]]...
+//! cargo bench -p isophote-ldi --bench trace -- SCENE... [--bounds X0,Y0,Z0,X1,Y1,Z1] [--case CELLSxPIXELS:LAYERS[:EPSILON[:DEPTH_ERROR]]]...
 //!     [--rays N] [--truth SAMPLES] [--conformance N] [--share PERCENT]...
 //! ```
 //!
@@ -116,6 +116,9 @@ fn case(text: &str) -> LdiParams {
         epsilon: parts
             .next()
             .map_or(default.epsilon, |text| text.parse().expect("a number")),
+        depth_error: parts
+            .next()
+            .map_or(default.depth_error, |text| text.parse().expect("a number")),
         max_bytes: 16 << 30,
     }
 }
@@ -190,7 +193,11 @@ impl<'a> Bench<'a> {
             "bytes": maps.bytes(),
             "map_bytes": maps.map_bytes(),
             "layer_count": layers,
-            "bytes_per_layer": maps.map_bytes() as f64 / layers as f64,
+            "depth_error": params.depth_error,
+            "depth_error_kept": maps.depth_error(),
+            "depth_bits": maps.layers.packing().depth_bits(),
+            "bytes_per_layer": maps.layers.packing().bytes(),
+            "map_bytes_per_layer": maps.map_bytes() as f64 / layers as f64,
             "unshared_bytes": self.unshared_bytes(tracer),
             "rays": self.rays.len(),
             "closest_mrays": rates[0],

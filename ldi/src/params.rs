@@ -21,6 +21,12 @@ pub struct LdiParams {
     /// How far beside its triangle a layer still stops rays, in pixels of its map: the paper's ε (§3.2). Only for
     /// [`Coverage::Center`]; 0 to 2. More leaks less at edges, and stops more rays that pass them.
     pub epsilon: f32,
+    /// The largest admissible error of a layer's depths, pixels of its map (the longer side of one): how far the range that is
+    /// kept may reach beyond what the layer is of, at either end. 1/64 to 4096. From it follow the bits of a depth, 5 to 16,
+    /// and with those of the triangles' numbers the bytes of a layer, 2 to 8 ([`Packing`](crate::cpu::maps::Packing)). It is
+    /// kept as far as 65,536 steps of the map's depth do. Ranges are rounded outwards, so no hit is lost by it: coarser depths
+    /// take less memory and make rays ask more triangles in vain.
+    pub depth_error: f32,
     /// The most memory that maps may take, bytes.
     pub max_bytes: u64,
 }
@@ -46,6 +52,7 @@ impl Default for LdiParams {
             resolution: 128,
             coverage: Coverage::default(),
             epsilon: 0.6,
+            depth_error: 1.0,
             max_bytes: 4 << 30,
         }
     }
@@ -83,6 +90,13 @@ impl LdiParams {
                 "the tolerance of the maps",
                 self.epsilon.to_string(),
                 "it must be 0 to 2 pixels",
+            );
+        }
+        if !(1.0 / 64.0..=4096.0).contains(&self.depth_error) {
+            return wrong(
+                "the error of the maps' depths",
+                self.depth_error.to_string(),
+                "it must be 1/64 to 4096 pixels",
             );
         }
         if self.pixels() * size_of::<Pixel>() as u64 > self.max_bytes {

@@ -1,10 +1,13 @@
 //! The maps against the oracle, analytic cases, files and limits.
 #![expect(clippy::unwrap_used, reason = "tests")]
 
-use std::{path::Path, sync::Arc};
+use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 use glam::{Affine3A, Vec3};
-use isophote_ldi::{Coverage, Error, LdiParams, LdiTracer};
+use isophote_ldi::{
+    Coverage, Error, LdiParams, LdiTracer,
+    cpu::maps::{Layer, Maps},
+};
 use isophote_scene::{
     Aabb, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Hit, Instance, InstanceMask, Mesh,
     Ray, Scene, Selection, SurfaceId, Tracer, WithFallback, builtin, clean,
@@ -44,6 +47,32 @@ fn touched_pixels_lose_nothing() {
             report.violations.is_empty(),
             "{cells} {resolution}\n{report}"
         );
+    }
+}
+
+/// A looser bound on the depths' error takes fewer bytes, and no hit is lost by it.
+#[test]
+fn coarse_depths_take_less_and_lose_nothing() {
+    let cornell = scene("cornell");
+    let mut before = None;
+    for (depth_error, bytes) in [(1.0 / 64.0, 4), (1.0 / 4.0, 3), (64.0, 2)] {
+        let params = LdiParams {
+            depth_error,
+            ..params(2, 64, Coverage::Touched)
+        };
+        let maps = maps(&cornell, &params);
+        let exact = Tolerances::EXACT;
+        let report = conformance(&cornell, &maps, &oracle(&cornell), &exact, 500, 7);
+        assert!(report.violations.is_empty(), "{depth_error}\n{report}");
+        assert!(maps.maps().depth_error() <= depth_error.into());
+        let packing = maps.maps().layers.packing();
+        assert_eq!(packing.bytes(), bytes, "{depth_error}: {packing:?}");
+        let taken = maps.maps().map_bytes();
+        assert!(
+            before.is_none_or(|before| taken < before),
+            "{depth_error}: {taken}"
+        );
+        before = Some(taken);
     }
 }
 
@@ -249,6 +278,15 @@ fn wrong_parameters_are_errors() {
         },
         "0 to 2",
     );
+    for depth_error in [0.0, f32::NAN, f32::INFINITY] {
+        fails(
+            LdiParams {
+                depth_error,
+                ..good
+            },
+            "1/64 to 4096",
+        );
+    }
     fails(
         LdiParams {
             max_bytes: 1000,
@@ -339,11 +377,23 @@ fn damaged_files_are_errors() {
 
 /// One triangle as a scene.
 fn triangle(corners: [Vec3; 3]) -> Arc<Scene> {
+    triangles(&corners)
+}
+
+fn two_triangles(first: [Vec3; 3], second: [Vec3; 3]) -> Arc<Scene> {
+    triangles(&[first, second].concat())
+}
+
+fn triangles(corners: &[Vec3]) -> Arc<Scene> {
+    let count = corners.len() as u32;
     let mut mesh = Mesh {
         positions: corners.to_vec(),
-        normals: vec![Vec3::Y; 3],
-        triangles: vec![[0, 1, 2]],
-        triangle_materials: vec![0],
+        normals: vec![Vec3::Y; corners.len()],
+        triangles: (0..count)
+            .step_by(3)
+            .map(|first| [first, first + 1, first + 2])
+            .collect(),
+        triangle_materials: vec![0; corners.len() / 3],
         ..Mesh::default()
     };
     clean(&mut mesh);
@@ -375,6 +425,41 @@ proptest! {
             for ray in rays(&scene, kind, 50, seed) {
                 prop_assert_eq!(maps.closest_hit(&ray), oracle.closest_hit(&ray));
                 prop_assert_eq!(maps.any_hit_from(&ray, SurfaceId { instance: 0, primitive: 0 }), false);
+            }
+        }
+    }
+
+    /// Whatever the bound, the range of depths that is kept reaches around the finest there is, and no further than the bound.
+    #[test]
+    fn depths_keep_their_bound(
+        corners in prop::array::uniform6(point()), depth_error in 0.02_f32..64.0, touched in any::<bool>(),
+    ) {
+        let [a, b, c, d, e, f] = corners;
+        let scene = two_triangles([a, b, c], [d, e, f]);
+        prop_assume!(scene.triangle_count() == 2);
+        let coverage = if touched { Coverage::Touched } else { Coverage::Center };
+        let build = |depth_error| maps(&scene, &LdiParams { depth_error, ..params(1, 16, coverage) });
+        let (finest, coarse) = (build(1.0 / 64.0), build(depth_error));
+        let [finest, coarse] = [finest.maps(), coarse.maps()];
+        let kept = coarse.depth_error();
+        prop_assert!(kept <= depth_error.into() || coarse.layers.packing().depth_bits() == 16);
+        for pixel in 0..finest.pixels.len() - 1 {
+            let frame = &coarse.frames[pixel / coarse.pixels_per_map()];
+            let pixels = 1.0 / f64::from(frame.scale[0].min(frame.scale[1]));
+            let depth = f64::from(coarse.layers.packing().depth_steps()) / f64::from(frame.scale[2]) / pixels;
+            // By target, in pixels.
+            let ranges = |maps: &Maps| -> BTreeMap<u32, [f64; 2]> {
+                let step = depth / f64::from(maps.layers.packing().depth_steps());
+                let [first, end] = [pixel, pixel + 1].map(|pixel| maps.pixels[pixel].first as usize);
+                let range = |layer: Layer| [f64::from(layer.near) * step, f64::from(layer.far + 1) * step];
+                (first..end).map(|index| maps.layers.get(index)).map(|layer| (layer.target, range(layer))).collect()
+            };
+            let found = ranges(coarse);
+            for (target, [near, far]) in ranges(finest) {
+                let [low, high] = found[&target];
+                let room = 1e-4 * depth.max(1.0);
+                prop_assert!(low <= near + room && far <= high + room, "{low} {near} {far} {high}");
+                prop_assert!(near - low <= kept + room && high - far <= kept + room, "{low} {near} {far} {high}, {kept}");
             }
         }
     }

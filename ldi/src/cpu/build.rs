@@ -14,11 +14,10 @@ use glam::{Affine3A, DVec3};
 use isophote_scene::{Aabb, Scene, Selection, WorldTriangle, world_triangles};
 use rayon::prelude::*;
 
-#[cfg(feature = "gpu")]
-pub(crate) use self::raster::margin;
 use self::raster::{Fragment, Raster};
 use super::maps::{
-    Block, BlockSurfaces, Frame, LANES, Layer, Layers, Maps, PADDING, Pixel, TILE, slabs,
+    Block, BlockSurfaces, Frame, LANES, Layer, Layers, Maps, PADDING, Packing, Pixel, TILE, margin,
+    slabs,
 };
 use crate::{Coverage, Directions, Error, LdiParams, Result};
 
@@ -54,8 +53,8 @@ pub fn pairs(
     params: &LdiParams,
 ) -> Result<u64> {
     let plan = Plan::new(scene, transforms, selection, params)?;
-    let raster = Raster::new(plan.resolution, u64::STEPS, params.coverage);
-    let frames = plan.frames(u64::STEPS);
+    let raster = plan.raster();
+    let frames = plan.frames();
     let of_map = |(map, frame): (usize, &Frame)| {
         let mut count = 0;
         for index in 0..plan.blocks.len() {
@@ -196,13 +195,15 @@ pub(crate) struct Plan<'a> {
     bounds: Aabb,
     pub(crate) blocks: Vec<Block>,
     pub(crate) surfaces: Vec<BlockSurfaces>,
+    pub(crate) packing: Packing,
 }
 
 /// The layers of one map.
-struct Map<L> {
+struct Map {
     /// Counted from the map's first layer.
     pixels: Vec<Pixel>,
-    layers: Vec<L>,
+    /// Packed.
+    layers: Vec<u8>,
 }
 
 impl<'a> Plan<'a> {
@@ -218,23 +219,40 @@ impl<'a> Plan<'a> {
         let bounds = fit(&triangles, selection)?;
         let starts = groups::group(&mut triangles);
         let (blocks, surfaces) = pack(scene, &triangles, &starts);
-        Ok(Self {
+        let targets = match params.coverage {
+            Coverage::Center => blocks.len() * LANES,
+            Coverage::Touched => blocks.len(),
+        };
+        let mut plan = Self {
             params,
             directions: Directions::new(params.cells),
             resolution: params.resolution.next_multiple_of(TILE),
             bounds,
             blocks,
             surfaces,
-        })
+            packing: Packing::new(*Packing::DEPTH_BITS.start(), targets),
+        };
+        plan.packing = Packing::new(plan.depth_bits(), targets);
+        Ok(plan)
     }
 
-    /// Whether what layers are parts of can be counted in 16 bits.
-    pub(crate) fn fits_narrow_layers(&self) -> bool {
-        let targets = match self.params.coverage {
-            Coverage::Center => self.blocks.len() * LANES,
-            Coverage::Touched => self.blocks.len(),
+    /// How many bits depths need so that their error stays within the bound, as far as there are so many.
+    fn depth_bits(&self) -> u32 {
+        let frames = self.frames();
+        let steps = |frame: &Frame| {
+            let depth = f64::from(self.packing.depth_steps()) / f64::from(frame.scale[2]);
+            let reach = 1.0 + margin(self.resolution);
+            reach * depth / (f64::from(self.params.depth_error) * f64::from(frame.footprint()))
         };
-        targets <= 1 << 16
+        let steps = frames.iter().map(steps).fold(1.0, f64::max);
+        let [least, most] =
+            [Packing::DEPTH_BITS.start(), Packing::DEPTH_BITS.end()].map(|bits| *bits);
+        (steps.log2().ceil() as u32).clamp(least, most)
+    }
+
+    fn raster(&self) -> Raster {
+        let steps = self.packing.depth_steps();
+        Raster::new(self.resolution, steps, self.params.coverage)
     }
 
     /// How many layers fit into the memory that is allowed.
@@ -252,9 +270,9 @@ impl<'a> Plan<'a> {
     }
 
     /// One for each map.
-    pub(crate) fn frames(&self, depth_steps: u32) -> Vec<Frame> {
+    pub(crate) fn frames(&self) -> Vec<Frame> {
         let side = f64::from(self.resolution);
-        let cells = DVec3::new(side, side, f64::from(depth_steps));
+        let cells = DVec3::new(side, side, f64::from(self.packing.depth_steps()));
         (0..self.directions.maps())
             .map(|map| frame(self.directions, map, &self.bounds, cells))
             .collect()
@@ -270,27 +288,20 @@ impl<'a> Plan<'a> {
 
     /// Draws the maps.
     pub(crate) fn draw_all(self) -> Result<Maps> {
-        if self.fits_narrow_layers() {
-            self.build(Layers::Narrow)
-        } else {
-            self.build(Layers::Wide)
-        }
-    }
-
-    fn build<L: Layer>(self, wrap: fn(Vec<L>) -> Layers) -> Result<Maps> {
-        let frames = self.frames(L::STEPS);
+        let frames = self.frames();
         let budget = Budget::new(&self);
         let maps = frames
             .par_iter()
             .enumerate()
             .map(|(map, frame)| self.draw(frame, self.directions.axis(map), &budget))
-            .collect::<Result<Vec<Map<L>>>>()?;
-        let count = maps.iter().map(|map| map.layers.len()).sum::<usize>();
+            .collect::<Result<Vec<Map>>>()?;
+        let size = self.packing.bytes() as usize;
+        let bytes = maps.iter().map(|map| map.layers.len()).sum::<usize>();
         let mut pixels = Vec::with_capacity(self.params.pixels() as usize + 1);
-        let mut layers = Vec::with_capacity(count + PADDING);
+        let mut layers = Vec::with_capacity(bytes + PADDING);
         for map in maps {
             // The budget has seen to it that they can be counted so.
-            let before = layers.len() as u32;
+            let before = (layers.len() / size) as u32;
             pixels.extend(map.pixels.into_iter().map(|pixel| Pixel {
                 first: before + pixel.first,
                 ..pixel
@@ -298,15 +309,15 @@ impl<'a> Plan<'a> {
             layers.extend(map.layers);
         }
         pixels.push(Pixel {
-            first: count as u32,
+            first: (bytes / size) as u32,
             slabs: 0,
         });
-        layers.resize(count + PADDING, L::zeroed());
+        layers.resize(bytes + PADDING, 0);
         Ok(Maps {
             resolution: self.resolution,
             frames,
             pixels,
-            layers: wrap(layers),
+            layers: Layers::from_bytes(self.packing, layers),
             planes: self.planes(),
             blocks: self.blocks,
             surfaces: self.surfaces,
@@ -314,8 +325,8 @@ impl<'a> Plan<'a> {
     }
 
     /// All layers of a map, by pixel and depth.
-    fn draw<L: Layer>(&self, frame: &Frame, depth: usize, budget: &Budget) -> Result<Map<L>> {
-        let raster = Raster::new(self.resolution, L::STEPS, self.params.coverage);
+    fn draw(&self, frame: &Frame, depth: usize, budget: &Budget) -> Result<Map> {
+        let raster = self.raster();
         let mut fragments = Vec::new();
         let mut taken = 0;
         for index in 0..self.blocks.len() {
@@ -326,7 +337,7 @@ impl<'a> Plan<'a> {
             budget.take(fragments.len() - taken)?;
             taken = fragments.len();
         }
-        Ok(compact(&fragments, self.resolution))
+        Ok(compact(&fragments, self.resolution, self.packing))
     }
 
     /// The fragments of a block's triangles in a map.
@@ -356,7 +367,7 @@ impl<'a> Plan<'a> {
 
 /// Count, prefix sum, scatter, then for each pixel: parts of the same target become one layer, and layers are sorted
 /// by depth.
-fn compact<L: Layer>(fragments: &[Fragment], resolution: u32) -> Map<L> {
+fn compact(fragments: &[Fragment], resolution: u32, packing: Packing) -> Map {
     let pixels = resolution as usize * resolution as usize;
     let mut ends = vec![0_u32; pixels + 1];
     for fragment in fragments {
@@ -365,12 +376,15 @@ fn compact<L: Layer>(fragments: &[Fragment], resolution: u32) -> Map<L> {
     for pixel in 0..pixels {
         ends[pixel + 1] += ends[pixel];
     }
-    let mut sorted = vec![L::zeroed(); fragments.len()];
+    let mut sorted = vec![0_u64; fragments.len()];
     let mut next = ends.clone();
     for fragment in fragments {
         let slot = &mut next[fragment.pixel as usize];
-        let (near, far) = (u32::from(fragment.near), u32::from(fragment.far));
-        sorted[*slot as usize] = L::new(near, far, fragment.target);
+        sorted[*slot as usize] = packing.pack(Layer {
+            near: fragment.near.into(),
+            far: fragment.far.into(),
+            target: fragment.target,
+        });
         *slot += 1;
     }
     let mut kept = 0;
@@ -378,18 +392,19 @@ fn compact<L: Layer>(fragments: &[Fragment], resolution: u32) -> Map<L> {
     for pixel in 0..pixels {
         let first = kept;
         let mut occupied = 0;
+        let mut last: Option<Layer> = None;
         for index in ends[pixel] as usize..ends[pixel + 1] as usize {
-            let mut layer = sorted[index];
+            let mut layer = packing.unpack(sorted[index]);
             // Targets come in order, so parts of one are neighbours.
-            if kept > first && sorted[kept - 1].target() == layer.target() {
+            if let Some(part) = last.filter(|last| last.target == layer.target) {
                 kept -= 1;
-                let other = sorted[kept];
-                let (near, far) = (layer.near().min(other.near()), layer.far().max(other.far()));
-                layer = L::new(near, far, layer.target());
+                layer.near = layer.near.min(part.near);
+                layer.far = layer.far.max(part.far);
             }
-            occupied |= slabs(layer.near(), layer.far(), L::STEPS);
-            sorted[kept] = layer;
+            occupied |= slabs(layer.near, layer.far, packing.depth_steps());
+            sorted[kept] = packing.pack(layer);
             kept += 1;
+            last = Some(layer);
         }
         // The word's order is that of near, far and target.
         sorted[first..kept].sort_unstable();
@@ -398,10 +413,8 @@ fn compact<L: Layer>(fragments: &[Fragment], resolution: u32) -> Map<L> {
             slabs: occupied,
         });
     }
-    sorted.truncate(kept);
-    sorted.shrink_to_fit();
     Map {
         pixels: packed,
-        layers: sorted,
+        layers: Layers::pack(packing, sorted[..kept].iter().copied()),
     }
 }

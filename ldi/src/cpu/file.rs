@@ -18,13 +18,14 @@ use isophote_scene::{Scene, Selection, world_triangles, write_atomically};
 use siphasher::sip128::{Hasher128, SipHasher13};
 
 use super::{
-    maps::{Block, BlockSurfaces, Frame, LANES, Layer, Layers, Maps, PADDING, Pixel, TILE},
+    maps::{Block, BlockSurfaces, Frame, LANES, Layers, Maps, PADDING, Packing, Pixel, TILE},
     trace::LdiTracer,
 };
 use crate::{Coverage, Directions, Error, LdiParams, Result};
 
 const MAGIC: [u8; 8] = *b"ISOPHLDI";
-const VERSION: u32 = 1;
+/// 1 had depths of 8 or 16 bits.
+const VERSION: u32 = 2;
 /// Reads differently where bytes lie the other way round.
 const BYTE_ORDER: u32 = 0x0102_0304;
 const CHECKSUM: usize = 16;
@@ -39,13 +40,15 @@ struct Header {
     resolution: u32,
     coverage: u32,
     epsilon: f32,
-    /// Bytes of a layer, 4 or 8.
+    /// How layers are packed.
     layer_bytes: u32,
-    unused: u32,
+    depth_bits: u32,
     layers: u64,
     blocks: u64,
     scene: [u64; 2],
-    reserved: [u64; 7],
+    depth_error: f32,
+    unused: u32,
+    reserved: [u64; 6],
 }
 
 impl LdiTracer {
@@ -56,15 +59,11 @@ impl LdiTracer {
     pub fn save(&self, path: &Path) -> Result<()> {
         let header = self.header();
         let maps = self.maps();
-        let layers: &[u8] = match &maps.layers {
-            Layers::Narrow(layers) => bytemuck::cast_slice(layers),
-            Layers::Wide(layers) => bytemuck::cast_slice(layers),
-        };
         let parts: [&[u8]; 7] = [
             bytemuck::bytes_of(&header),
             bytemuck::cast_slice(&maps.frames),
             bytemuck::cast_slice(&maps.pixels),
-            layers,
+            maps.layers.bytes(),
             bytemuck::cast_slice(&maps.blocks),
             bytemuck::cast_slice(&maps.surfaces),
             bytemuck::cast_slice(&maps.planes),
@@ -111,15 +110,14 @@ impl LdiTracer {
             resolution: params.resolution,
             coverage: params.coverage as u32,
             epsilon: params.epsilon,
-            layer_bytes: match maps.layers {
-                Layers::Narrow(_) => 4,
-                Layers::Wide(_) => 8,
-            },
-            unused: 0,
+            layer_bytes: maps.layers.packing().bytes(),
+            depth_bits: maps.layers.packing().depth_bits(),
             layers: maps.layers.count() as u64,
             blocks: maps.blocks.len() as u64,
             scene: self.scene_key(),
-            reserved: [0; 7],
+            depth_error: params.depth_error,
+            unused: 0,
+            reserved: [0; 6],
         }
     }
 }
@@ -198,10 +196,11 @@ impl Header {
                 _ => return Err(damaged(path, "its header names no known kind of layers")),
             },
             epsilon: self.epsilon,
+            depth_error: self.depth_error,
             // What is in a file may be as large as it is.
             max_bytes: u64::MAX,
         };
-        if params.check().is_err() || ![4, 8].contains(&self.layer_bytes) {
+        if params.check().is_err() || self.packing().is_none() {
             return Err(damaged(
                 path,
                 "its header holds parameters out of their range",
@@ -214,7 +213,11 @@ impl Header {
         })
     }
 
-    /// Frames, pixels, layers, blocks, surfaces and planes.
+    fn packing(&self) -> Option<Packing> {
+        Packing::from_parts(self.depth_bits, self.layer_bytes)
+    }
+
+    /// Frames, pixels, bytes of layers, blocks, surfaces and planes.
     fn counts(&self) -> Option<[u64; 6]> {
         let frames = Directions::new(self.cells).maps() as u64;
         let side = u64::from(self.resolution.next_multiple_of(TILE));
@@ -222,10 +225,11 @@ impl Header {
             0 => self.blocks.checked_mul(LANES as u64)?,
             _ => 0,
         };
+        let layers = self.layers.checked_mul(self.layer_bytes.into())?;
         Some([
             frames,
             frames * side * side + 1,
-            self.layers.checked_add(PADDING as u64)?,
+            layers.checked_add(PADDING as u64)?,
             self.blocks,
             self.blocks,
             planes,
@@ -237,7 +241,7 @@ impl Header {
         let sizes = [
             size_of::<Frame>() as u64,
             size_of::<Pixel>() as u64,
-            u64::from(self.layer_bytes),
+            1,
             size_of::<Block>() as u64,
             size_of::<BlockSurfaces>() as u64,
             size_of::<[f32; 4]>() as u64,
@@ -250,19 +254,16 @@ impl Header {
     }
 
     fn maps(&self, path: &Path, bytes: &[u8]) -> Result<Maps> {
-        let counts = self
+        let (counts, packing) = self
             .counts()
+            .zip(self.packing())
             .ok_or_else(|| damaged(path, "its header counts too much"))?;
         let mut rest = &bytes[size_of::<Self>()..];
         Ok(Maps {
             resolution: self.resolution.next_multiple_of(TILE),
             frames: take(&mut rest, counts[0]),
             pixels: take(&mut rest, counts[1]),
-            layers: if self.layer_bytes == 4 {
-                Layers::Narrow(take(&mut rest, counts[2]))
-            } else {
-                Layers::Wide(take(&mut rest, counts[2]))
-            },
+            layers: Layers::from_bytes(packing, take(&mut rest, counts[2])),
             blocks: take(&mut rest, counts[3]),
             surfaces: take(&mut rest, counts[4]),
             planes: take(&mut rest, counts[5]),
@@ -294,11 +295,11 @@ fn check(maps: &Maps, params: &LdiParams, scene: &Scene) -> Result<(), &'static 
         Coverage::Center => maps.blocks.len() * LANES,
         Coverage::Touched => maps.blocks.len(),
     };
-    let largest = match &maps.layers {
-        Layers::Narrow(layers) => largest_target(&layers[..count]),
-        Layers::Wide(layers) => largest_target(&layers[..count]),
-    };
-    if largest.is_some_and(|largest| largest as usize >= targets) {
+    if maps
+        .layers
+        .iter()
+        .any(|layer| layer.target as usize >= targets)
+    {
         return Err("a layer is of no triangle");
     }
     let exists = |instance: u32, primitive: u32| {
@@ -330,10 +331,6 @@ fn check(maps: &Maps, params: &LdiParams, scene: &Scene) -> Result<(), &'static 
         return Err("a map has no extent");
     }
     Ok(())
-}
-
-fn largest_target<L: Layer>(layers: &[L]) -> Option<u32> {
-    layers.iter().map(|layer| layer.target()).max()
 }
 
 fn io(path: &Path, source: std::io::Error) -> isophote_scene::Error {

@@ -4,14 +4,17 @@
 //! frames   one per map                      where its pixels and depths lie in the world
 //! pixels   one per pixel of all maps, + 1   its first layer: the prefix sum of the layer counts (§3.1); and in which
 //!                                           of 32 slabs of depth it has any, so that empty space is passed fast
-//! layers   one per layer                    near and far depth, and what it is a part of, in one word
+//! layers   one per layer                    near and far depth, and what it is a part of, in 2 to 8 bytes ([`Packing`])
 //! blocks   eight triangles each             corners, and which triangles they are
 //! planes   one per triangle                 only for the paper's layers (`Coverage::Center`)
 //! ```
 //!
-//! Depths only say which layers a ray can meet in a pixel. Where it meets them is calculated from the triangles, so
-//! that depths of 8 bits cost no accuracy. Pixels lie in tiles of 4 × 4 ([`pixel_index`]), so that a ray that walks in
+//! Depths only say which layers a ray can meet in a pixel. Where it meets them is calculated from the triangles. So depths
+//! are rounded outwards to as few bits as the bound on their error allows ([`LdiParams::depth_error`](crate::LdiParams)):
+//! coarser ones make rays ask more triangles in vain, and lose none. Pixels lie in tiles of 4 × 4 ([`pixel_index`]), so that a ray that walks in
 //! any direction stays in few lines of the cache.
+
+use std::ops::RangeInclusive;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
@@ -143,115 +146,154 @@ impl BlockSurfaces {
     }
 }
 
-/// A layer in one word.
-pub trait Layer: Copy + Pod + Ord + Send + Sync {
+/// A layer: a range of depths, and what it is a part of. Those of a pixel are in the order of these numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Layer {
+    /// The least depth in the pixel, rounded down; steps.
+    pub near: u32,
+    /// The greatest depth in the pixel, rounded down: it reaches up to the next step.
+    pub far: u32,
+    /// A block, or with [`Coverage::Center`](crate::Coverage::Center) a triangle of one (block × 8 + lane).
+    pub target: u32,
+}
+
+/// How a layer's numbers share its bytes: near depth, far depth and target, from the highest bit down, so that words are
+/// in the order of layers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Packing {
+    depth_bits: u32,
+    bytes: u32,
+}
+
+impl Packing {
+    /// Bits of a depth: at least those of the 32 slabs, at most those of two bytes.
+    pub(crate) const DEPTH_BITS: RangeInclusive<u32> = 5..=16;
+
+    /// As few bytes as hold depths of so many bits and one of so many targets. What is left of the last byte makes the
+    /// depths finer.
+    pub(crate) fn new(depth_bits: u32, targets: usize) -> Self {
+        let target_bits = usize::BITS - targets.saturating_sub(1).leading_zeros();
+        let bytes = (2 * depth_bits + target_bits).div_ceil(8).clamp(2, 8);
+        Self {
+            depth_bits: ((8 * bytes - target_bits) / 2).min(*Self::DEPTH_BITS.end()),
+            bytes,
+        }
+    }
+
+    /// None unless there are 2 to 8 bytes with room for the depths.
+    pub(crate) fn from_parts(depth_bits: u32, bytes: u32) -> Option<Self> {
+        let fits = Self::DEPTH_BITS.contains(&depth_bits)
+            && (2..=8).contains(&bytes)
+            && 2 * depth_bits <= 8 * bytes;
+        fits.then_some(Self { depth_bits, bytes })
+    }
+
+    /// Bits of a depth, 5 to 16.
+    pub fn depth_bits(self) -> u32 {
+        self.depth_bits
+    }
+
     /// Steps of the depth.
-    const STEPS: u32;
-    /// Layers that are looked at together.
-    const WIDTH: usize;
-
-    /// Depths must be less than [`STEPS`](Self::STEPS).
-    fn new(near: u32, far: u32, target: u32) -> Self;
-    /// The least depth in the pixel, rounded down.
-    fn near(self) -> u32;
-    /// The greatest depth in the pixel.
-    fn far(self) -> u32;
-    /// What it is a part of: a block, or with [`Coverage::Center`](crate::Coverage::Center) a triangle of one
-    /// (block × 8 + lane).
-    fn target(self) -> u32;
-}
-
-/// 8 bits of each depth and 16 of the target.
-impl Layer for u32 {
-    const STEPS: Self = 1 << 8;
-    const WIDTH: usize = 8;
-
     #[inline(always)]
-    fn new(near: u32, far: u32, target: u32) -> Self {
-        near << 24 | far << 16 | target
+    pub fn depth_steps(self) -> u32 {
+        1 << self.depth_bits
+    }
+
+    /// Bytes of a layer, 2 to 8.
+    #[inline(always)]
+    pub fn bytes(self) -> u32 {
+        self.bytes
+    }
+
+    /// The lowest bits of near and far depth.
+    #[inline(always)]
+    pub(crate) fn shifts(self) -> [u32; 2] {
+        let all = 8 * self.bytes;
+        [all - self.depth_bits, all - 2 * self.depth_bits]
     }
 
     #[inline(always)]
-    fn near(self) -> u32 {
-        self >> 24
+    pub(crate) fn pack(self, layer: Layer) -> u64 {
+        let [near, far] = self.shifts();
+        u64::from(layer.near) << near | u64::from(layer.far) << far | u64::from(layer.target)
     }
 
     #[inline(always)]
-    fn far(self) -> u32 {
-        self >> 16 & 0xff
-    }
-
-    #[inline(always)]
-    fn target(self) -> u32 {
-        self & 0xffff
+    pub(crate) fn unpack(self, word: u64) -> Layer {
+        let [near, far] = self.shifts();
+        let ones = |bits: u32| (1_u64 << bits) - 1;
+        Layer {
+            near: (word >> near & ones(self.depth_bits)) as u32,
+            far: (word >> far & ones(self.depth_bits)) as u32,
+            target: (word & ones(far)) as u32,
+        }
     }
 }
 
-/// 16 bits of each depth and 32 of the target.
-impl Layer for u64 {
-    const STEPS: u32 = 1 << 16;
-    const WIDTH: usize = 4;
-
-    #[inline(always)]
-    fn new(near: u32, far: u32, target: u32) -> Self {
-        Self::from(near) << 48 | Self::from(far) << 32 | Self::from(target)
-    }
-
-    #[inline(always)]
-    fn near(self) -> u32 {
-        (self >> 48) as u32
-    }
-
-    #[inline(always)]
-    fn far(self) -> u32 {
-        (self >> 32 & 0xffff) as u32
-    }
-
-    #[inline(always)]
-    fn target(self) -> u32 {
-        self as u32
-    }
-}
-
-/// The layers of all pixels in as few bits as will do, those of a pixel by near depth, far depth and target; followed
-/// by [`PADDING`] unused ones, so that kernels may read on.
+/// The layers of all pixels, packed; followed by [`PADDING`] unused bytes, so that kernels may read on.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Layers {
-    /// For up to 65,536 targets.
-    Narrow(Vec<u32>),
-    /// For more.
-    Wide(Vec<u64>),
+pub struct Layers {
+    packing: Packing,
+    bytes: Vec<u8>,
 }
+
+/// Unused bytes behind the last layer.
+pub(crate) const PADDING: usize = 32;
 
 impl Layers {
+    /// Of packed words, one after the other.
+    pub(crate) fn pack(packing: Packing, words: impl Iterator<Item = u64>) -> Vec<u8> {
+        let size = packing.bytes as usize;
+        let mut bytes = Vec::with_capacity(size * words.size_hint().0);
+        for word in words {
+            bytes.extend_from_slice(&word.to_le_bytes()[..size]);
+        }
+        bytes
+    }
+
+    /// Of what [`pack`](Self::pack) gave, with the padding.
+    pub(crate) fn from_bytes(packing: Packing, bytes: Vec<u8>) -> Self {
+        Self { packing, bytes }
+    }
+
+    /// How they are packed.
+    #[inline(always)]
+    pub fn packing(&self) -> Packing {
+        self.packing
+    }
+
     /// Number of layers.
     pub fn count(&self) -> usize {
-        let all = match self {
-            Self::Narrow(layers) => layers.len(),
-            Self::Wide(layers) => layers.len(),
-        };
-        all - PADDING
+        (self.bytes.len() - PADDING) / self.packing.bytes as usize
     }
 
-    /// Bytes held.
-    pub fn bytes(&self) -> usize {
-        match self {
-            Self::Narrow(layers) => size_of_val(&layers[..]),
-            Self::Wide(layers) => size_of_val(&layers[..]),
-        }
+    /// The bytes held, the padding among them.
+    pub(crate) fn bytes(&self) -> &[u8] {
+        &self.bytes
     }
 
-    /// Steps of the depth.
-    pub fn depth_steps(&self) -> u32 {
-        match self {
-            Self::Narrow(_) => u32::STEPS,
-            Self::Wide(_) => u64::STEPS,
-        }
+    /// The bytes from a layer on.
+    #[inline(always)]
+    pub(crate) fn from_layer(&self, index: usize) -> &[u8] {
+        &self.bytes[index * self.packing.bytes as usize..]
+    }
+
+    /// A layer.
+    ///
+    /// # Panics
+    /// If there are not so many.
+    #[inline(always)]
+    pub fn get(&self, index: usize) -> Layer {
+        let word = self.from_layer(index).first_chunk();
+        self.packing
+            .unpack(word.map_or(0, |word| u64::from_le_bytes(*word)))
+    }
+
+    /// All of them.
+    pub fn iter(&self) -> impl Iterator<Item = Layer> {
+        (0..self.count()).map(|index| self.get(index))
     }
 }
-
-/// Unused layers at the end.
-pub const PADDING: usize = 8;
 
 /// The maps of all directions.
 #[derive(Clone, Debug)]
@@ -287,8 +329,26 @@ impl Maps {
             + size_of_val(&self.planes[..])
     }
 
-    /// Bytes of the maps alone.
+    /// Bytes of the maps alone: frames, pixels and layers.
     pub fn map_bytes(&self) -> usize {
-        size_of_val(&self.frames[..]) + size_of_val(&self.pixels[..]) + self.layers.bytes()
+        size_of_val(&self.frames[..]) + size_of_val(&self.pixels[..]) + self.layers.bytes.len()
     }
+
+    /// How far layers reach beyond what they are of at either end at most, pixels of the map.
+    pub fn depth_error(&self) -> f64 {
+        let step = |frame: &Frame| {
+            let reach = 1.0 + margin(self.resolution);
+            reach / f64::from(frame.scale[2]) / f64::from(frame.footprint())
+        };
+        self.frames.iter().map(step).fold(0.0, f64::max)
+    }
+}
+
+/// By how much pixels and depth steps reach into their neighbours, so that a rounded ray finds the triangle in the
+/// pixel where it believes to be.
+///
+/// A ray's place is known to about 2⁻²² of the resolution once it is in the map (`trace.rs`), and the exact test takes
+/// hits up to 2⁻²¹ of the scene's size beside a triangle.
+pub(crate) fn margin(resolution: u32) -> f64 {
+    (f64::from(resolution) / f64::from(1 << 16)).max(1.0 / 64.0)
 }

@@ -2,7 +2,7 @@
 //! first layer it meets.
 //!
 //! 1. `path`: the ray's way through the map, pixel by pixel, with its depths at both ends of each.
-//! 2. `kernel`: the layers of the pixel whose depths overlap those of the ray, 32 at once where the processor can.
+//! 2. `kernel`: the layers of the pixel whose depths overlap those of the ray, 8 at once where the processor can.
 //! 3. `meet`: where the ray meets the layer: its triangles exactly ([`Coverage::Touched`]) or its plane within the
 //!    pixel ([`Coverage::Center`]).
 //!
@@ -14,7 +14,7 @@ mod meet;
 mod order;
 mod path;
 
-use std::sync::Arc;
+use std::{marker::PhantomData, sync::Arc};
 
 use glam::Affine3A;
 use isophote_scene::{
@@ -22,7 +22,7 @@ use isophote_scene::{
 };
 
 use self::{
-    kernel::{Kernel, Portable, Scan},
+    kernel::{Kernel, Narrow, Portable, Scan, Wide},
     meet::{Found, Meet, Planes, Question, Triangles},
     order::{Numbered, by_map},
     path::Path,
@@ -69,7 +69,7 @@ impl LdiTracer {
             transforms: scene.transforms(),
             params: *params,
             directions: Directions::new(params.cells),
-            depth_steps: maps.layers.depth_steps(),
+            depth_steps: maps.layers.packing().depth_steps(),
             maps,
             #[cfg(target_arch = "x86_64")]
             avx2: kernel::Avx2::detect(),
@@ -125,9 +125,10 @@ impl LdiTracer {
         start: SurfaceId,
         way: &Way,
     ) -> Found {
-        match &self.maps.layers {
-            Layers::Narrow(layers) => self.walk::<ANY, _, _>(kernel, ray, start, way, layers),
-            Layers::Wide(layers) => self.walk::<ANY, _, _>(kernel, ray, start, way, layers),
+        if self.maps.layers.packing().bytes() <= 4 {
+            self.walk::<ANY, _, Narrow>(kernel, ray, start, way)
+        } else {
+            self.walk::<ANY, _, Wide>(kernel, ray, start, way)
         }
     }
 
@@ -185,7 +186,6 @@ impl LdiTracer {
         ray: &Ray,
         start: SurfaceId,
         way: &Way,
-        layers: &[L],
     ) -> Found {
         let mut found = Found::nothing(ray.t_max);
         let Way { map, path } = way;
@@ -196,9 +196,12 @@ impl LdiTracer {
             start,
         };
         let pixels = self.maps.pixels_per_map();
-        let walk = Walk {
+        let walk: Walk<'_, K, L> = Walk {
             kernel,
-            layers,
+            how: kernel.layers(self.maps.layers.packing()),
+            scan: PhantomData,
+            layers: &self.maps.layers,
+            depth_steps: self.depth_steps,
             pixels: &self.maps.pixels[map * pixels..=(map + 1) * pixels],
             path,
         };
@@ -276,7 +279,10 @@ struct Way {
 /// A ray on its way through a map.
 struct Walk<'a, K: Kernel, L: Scan> {
     kernel: K,
-    layers: &'a [L],
+    how: K::Layers,
+    scan: PhantomData<L>,
+    layers: &'a Layers,
+    depth_steps: u32,
     /// Those of the map, and the next.
     pixels: &'a [Pixel],
     path: &'a Path,
@@ -294,7 +300,7 @@ impl<K: Kernel, L: Scan> Walk<'_, K, L> {
             let before = std::mem::replace(&mut depth, self.path.depth(crossing.exit));
             let (mut low, mut high) = (before.min(depth), before.max(depth));
             let pixel = &self.pixels[crossing.pixel..crossing.pixel + 2];
-            if pixel[0].slabs & slabs(low, high, L::STEPS) == 0 {
+            if pixel[0].slabs & slabs(low, high, self.depth_steps) == 0 {
                 if crossings.step(limit) {
                     continue;
                 }
@@ -303,9 +309,7 @@ impl<K: Kernel, L: Scan> Walk<'_, K, L> {
             let ends = [crossing.enter, crossing.exit];
             let (first, end) = (pixel[0].first as usize, pixel[1].first as usize);
             for start in (first..end).step_by(L::WIDTH) {
-                // There is padding behind the last layer.
-                let layers = &self.layers[start..];
-                let mut met = L::overlaps(self.kernel, layers, low, high);
+                let mut met = L::overlaps(self.kernel, &self.how, self.layers, start, low, high);
                 if end - start < L::WIDTH {
                     met &= (1 << (end - start)) - 1;
                 }
@@ -316,11 +320,11 @@ impl<K: Kernel, L: Scan> Walk<'_, K, L> {
                         31 - met.leading_zeros()
                     };
                     met ^= 1 << bit;
-                    let layer = layers[bit as usize];
-                    if forward && layer.near() > high || !forward && layer.far() < low {
+                    let layer = self.layers.get(start + bit as usize);
+                    if forward && layer.near > high || !forward && layer.far < low {
                         continue;
                     }
-                    if meet.layer(layer.target(), ends, found) {
+                    if meet.layer(layer.target, ends, found) {
                         if ANY {
                             return;
                         }
@@ -403,7 +407,7 @@ impl BuildTracer for LdiTracer {
     fn update(&mut self, transforms: &[Affine3A]) -> Result<()> {
         self.maps = build(&self.scene, transforms, &self.selection, &self.params)?;
         self.transforms = transforms.to_vec();
-        self.depth_steps = self.maps.layers.depth_steps();
+        self.depth_steps = self.maps.layers.packing().depth_steps();
         Ok(())
     }
 

@@ -19,13 +19,13 @@ use isophote_scene::{Error, Result, gpu::Context};
 
 use super::{
     kernel::{Kernel, grid, storage, uniform},
-    upload::{Head, Words, faces},
+    upload::{Head, Words, faces, is_wide},
 };
 use crate::{
     Coverage,
     cpu::{
-        build::{Plan, margin, too_large},
-        maps::{LANES, Layer, PADDING},
+        build::{Plan, too_large},
+        maps::{LANES, PADDING, margin},
     },
 };
 
@@ -52,7 +52,8 @@ struct GpuPlan {
     first_map: u32,
     capacity: u32,
     base: u32,
-    padding: [u32; 3],
+    depth_bits: u32,
+    padding: [u32; 2],
 }
 
 /// What is drawn.
@@ -133,21 +134,20 @@ impl MapBuilder {
         context: &Context,
         plan: &Plan<'_>,
     ) -> Result<[wgpu::Buffer; 2]> {
-        let wide = !plan.fits_narrow_layers();
+        let wide = is_wide(plan.packing);
         let touched = plan.params.coverage == Coverage::Touched;
         let pipelines = match self.pipelines.take() {
             Some(made) if made.wide == wide && made.touched == touched => made,
             _ => Pipelines::new(context, self.method, wide, touched)?,
         };
         let pipelines = self.pipelines.insert(pipelines);
-        let steps = if wide { u64::STEPS } else { u32::STEPS };
         let head = Head {
             params: plan.params,
             resolution: plan.resolution,
-            frames: &plan.frames(steps),
-            wide,
+            frames: &plan.frames(),
+            packing: plan.packing,
         };
-        let source = Source::new(context, plan, &head, steps)?;
+        let source = Source::new(context, plan, &head)?;
         let wrong = storage(context, "wrong pixels", 4)?;
         let mut built: Vec<Built> = Vec::new();
         let mut base = 0;
@@ -192,7 +192,8 @@ impl Budget<'_> {
 }
 
 impl<'a> Source<'a> {
-    fn new(context: &'a Context, plan: &Plan<'_>, head: &Head<'_>, steps: u32) -> Result<Self> {
+    fn new(context: &'a Context, plan: &Plan<'_>, head: &Head<'_>) -> Result<Self> {
+        let steps = plan.packing.depth_steps();
         let planes = plan.planes();
         let face_words = if planes.is_empty() { 3 } else { 4 };
         let lanes = plan.blocks.len() * LANES;
@@ -207,6 +208,7 @@ impl<'a> Source<'a> {
                 depth_steps: steps as f32,
                 cells: plan.params.cells,
                 face_words,
+                depth_bits: plan.packing.depth_bits(),
                 margin: margin(plan.resolution) as f32,
                 // 32 bits tell 2²² of the depth apart, or a little less.
                 depth_margin: (steps as f32 / (1 << 18) as f32).max(1.0 / 64.0),
@@ -218,7 +220,7 @@ impl<'a> Source<'a> {
                 Coverage::Center => 3 * lanes,
                 Coverage::Touched => 6 * plan.blocks.len(),
             } as u32,
-            layer_bytes: if head.wide { 8 } else { 4 },
+            layer_bytes: if is_wide(head.packing) { 8 } else { 4 },
         })
     }
 

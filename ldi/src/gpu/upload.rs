@@ -2,7 +2,7 @@
 
 use crate::{
     Coverage, LdiParams,
-    cpu::maps::{Block, BlockSurfaces, Frame, LANES, Layer, Layers, Maps},
+    cpu::maps::{Block, BlockSurfaces, Frame, LANES, Layers, Maps, PADDING, Packing},
 };
 
 pub(super) type Words = [u32; 4];
@@ -18,8 +18,13 @@ pub(super) struct Head<'a> {
     pub(super) params: &'a LdiParams,
     pub(super) resolution: u32,
     pub(super) frames: &'a [Frame],
-    /// Whether layers take two words.
-    pub(super) wide: bool,
+    pub(super) packing: Packing,
+}
+
+/// Whether layers take two words of 32 bits: one of both depths, in 16 bits each, and before it one of the target.
+/// Else near depth, far depth and target share one, from the highest bit down.
+pub(super) fn is_wide(packing: Packing) -> bool {
+    packing.bytes() > 4
 }
 
 impl Head<'_> {
@@ -32,7 +37,7 @@ impl Head<'_> {
         let pixels_at = HEADER + 2 * self.frames.len();
         let layers_at = pixels_at + (pixels + 1).div_ceil(2) as usize;
         let mut flags = 0;
-        if self.wide {
+        if is_wide(self.packing) {
             flags |= WIDE_LAYERS;
         }
         if self.params.coverage == Coverage::Touched {
@@ -46,11 +51,10 @@ impl Head<'_> {
                 layers_at as u32,
             ],
             [
-                if self.wide { u64::STEPS } else { u32::STEPS },
+                self.packing.depth_steps(),
                 flags,
                 self.params.epsilon.to_bits(),
-                // Unused.
-                0,
+                self.packing.depth_bits(),
             ],
         ];
         words.extend(self.frame_words());
@@ -64,14 +68,27 @@ pub(super) fn words(params: &LdiParams, maps: &Maps) -> Vec<Words> {
         params,
         resolution: maps.resolution,
         frames: &maps.frames,
-        wide: matches!(maps.layers, Layers::Wide(_)),
+        packing: maps.layers.packing(),
     };
     let mut words = head.words(maps.pixels.len() as u64 - 1);
     words.extend(packed(bytemuck::cast_slice(&maps.pixels)));
-    words.extend(match &maps.layers {
-        Layers::Narrow(layers) => packed(bytemuck::cast_slice(layers)),
-        Layers::Wide(layers) => packed(bytemuck::cast_slice(layers)),
-    });
+    words.extend(packed(&layer_words(&maps.layers)));
+    words
+}
+
+/// Layers as the shader reads them, and unused ones behind.
+fn layer_words(layers: &Layers) -> Vec<u32> {
+    let packing = layers.packing();
+    let bits = packing.depth_bits();
+    let mut words = Vec::with_capacity(2 * (layers.count() + PADDING));
+    for layer in layers.iter() {
+        if is_wide(packing) {
+            words.extend([layer.target, layer.near << 16 | layer.far]);
+        } else {
+            words.push(layer.near << (32 - bits) | layer.far << (32 - 2 * bits) | layer.target);
+        }
+    }
+    words.resize(words.len() + PADDING, 0);
     words
 }
 

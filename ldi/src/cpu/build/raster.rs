@@ -1,10 +1,13 @@
 //! Which pixels a triangle is in, and how deep.
 //!
-//! All in 64 bits: what is left to rounding are the rays, and [`margin`] is for them.
+//! All in 64 bits: what is left to rounding are the rays, and the [`margin`] is for them.
 
 use glam::{DVec2, DVec3};
 
-use crate::{Coverage, cpu::maps::pixel_index};
+use crate::{
+    Coverage,
+    cpu::maps::{margin, pixel_index},
+};
 
 /// A triangle's part in a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,14 +18,8 @@ pub(super) struct Fragment {
     pub(super) far: u16,
 }
 
-/// By how much pixels and depth steps reach into their neighbours, so that a rounded ray finds the triangle in the
-/// pixel where it believes to be.
-///
-/// A ray's place is known to about 2⁻²² of the resolution once it is in the map (`trace.rs`), and the exact test takes
-/// hits up to 2⁻²¹ of the scene's size beside a triangle.
-pub(crate) fn margin(resolution: u32) -> f64 {
-    (f64::from(resolution) / f64::from(1 << 16)).max(1.0 / 64.0)
-}
+/// So many depths of the map over half a pixel are those of a plane that is seen edge-on.
+const STEEP: f64 = 40.0;
 
 /// Rasterises triangles of a map.
 pub(super) struct Raster {
@@ -74,7 +71,7 @@ impl Raster {
                 if self.coverage == Coverage::Center && !covers(&corners, center) {
                     continue;
                 }
-                let depths = plane.depths(center, 0.5 + self.margin);
+                let depths = plane.depths(center, 0.5 + self.margin, self.depth_steps);
                 let (mut near, mut far) = (depths[0].max(strip.low.y), depths[1].min(strip.high.y));
                 if near > far {
                     (near, far) = (strip.low.y, strip.high.y);
@@ -106,11 +103,11 @@ impl Raster {
 
 impl Plane {
     /// The least and greatest depth over a square. All depths where the plane is seen edge-on.
-    fn depths(&self, center: DVec2, half: f64) -> [f64; 2] {
+    fn depths(&self, center: DVec2, half: f64, depth_steps: u32) -> [f64; 2] {
         let middle = self.corner.z + self.gradient.dot(center - self.corner.truncate());
         let spread = self.gradient.abs().element_sum() * half;
         // A steep plane's depth is lost in the rounding of its corners.
-        if spread < 1e4 {
+        if spread < STEEP * f64::from(depth_steps) {
             [middle - spread, middle + spread]
         } else {
             [f64::NEG_INFINITY, f64::INFINITY]

@@ -9,7 +9,7 @@ pub(crate) use avx2::Avx2;
 
 use isophote_scene::Shear;
 
-use crate::cpu::maps::{Block, LANES, Layer};
+use crate::cpu::maps::{Block, LANES, Layers, PADDING, Packing};
 
 /// An instruction set's way to do the tests.
 pub(crate) trait Kernel: Copy {
@@ -22,11 +22,17 @@ pub(crate) trait Kernel: Copy {
     #[inline(always)]
     fn fetch<T>(self, _place: *const T) {}
 
-    /// A bit for each of 8 layers whose range of depths meets [low, high].
-    fn narrow(self, layers: &[u32; 8], low: u32, high: u32) -> u32;
+    /// How layers are read, in registers.
+    type Layers: Copy;
 
-    /// A bit for each of 4 layers.
-    fn wide(self, layers: &[u64; 4], low: u32, high: u32) -> u32;
+    fn layers(self, packing: Packing) -> Self::Layers;
+
+    /// A bit for each of 8 layers of up to 4 bytes whose range of depths meets [low, high]; the bytes are those of the layers
+    /// and more.
+    fn narrow(self, how: &Self::Layers, bytes: &[u8; READ], low: u32, high: u32) -> u32;
+
+    /// A bit for each of 4 layers of up to 8 bytes.
+    fn wide(self, how: &Self::Layers, bytes: &[u8; READ], low: u32, high: u32) -> u32;
 
     /// The triangles that 32 bits do not reject, one bit each.
     fn candidates(self, ray: &Self::Triangles, block: &Block) -> u32;
@@ -38,6 +44,7 @@ pub(crate) struct Portable;
 
 impl Kernel for Portable {
     type Triangles = Shear;
+    type Layers = Packing;
 
     #[inline(always)]
     fn triangles(self, shear: &Shear) -> Shear {
@@ -45,13 +52,18 @@ impl Kernel for Portable {
     }
 
     #[inline(always)]
-    fn narrow(self, layers: &[u32; 8], low: u32, high: u32) -> u32 {
-        overlapping(layers, low, high)
+    fn layers(self, packing: Packing) -> Packing {
+        packing
     }
 
     #[inline(always)]
-    fn wide(self, layers: &[u64; 4], low: u32, high: u32) -> u32 {
-        overlapping(layers, low, high)
+    fn narrow(self, how: &Packing, bytes: &[u8; READ], low: u32, high: u32) -> u32 {
+        overlapping(*how, bytes, Narrow::WIDTH, low, high)
+    }
+
+    #[inline(always)]
+    fn wide(self, how: &Packing, bytes: &[u8; READ], low: u32, high: u32) -> u32 {
+        overlapping(*how, bytes, Wide::WIDTH, low, high)
     }
 
     #[inline(always)]
@@ -65,33 +77,143 @@ impl Kernel for Portable {
 }
 
 #[inline(always)]
-fn overlapping<L: Layer>(layers: &[L], low: u32, high: u32) -> u32 {
-    let bit = |(index, layer): (usize, &L)| {
-        u32::from(layer.near() <= high && layer.far() >= low) << index
-    };
-    layers.iter().enumerate().map(bit).sum()
+fn overlapping(packing: Packing, bytes: &[u8; READ], width: usize, low: u32, high: u32) -> u32 {
+    let size = packing.bytes() as usize;
+    let mut bits = 0;
+    for (index, bytes) in bytes.chunks_exact(size).take(width).enumerate() {
+        let mut word = [0; 8];
+        word[..size].copy_from_slice(bytes);
+        let layer = packing.unpack(u64::from_le_bytes(word));
+        bits |= u32::from(layer.near <= high && layer.far >= low) << index;
+    }
+    bits
 }
 
-/// Which kernel function is for which word.
-pub(crate) trait Scan: Layer {
-    /// A bit for each of the first layers, [`WIDTH`](Layer::WIDTH) at most, whose range of depths meets [low, high].
-    fn overlaps<K: Kernel>(kernel: K, layers: &[Self], low: u32, high: u32) -> u32;
+/// Bytes that a kernel may read from the first layer on.
+pub(crate) const READ: usize = PADDING;
+
+/// Which kernel function is for layers of so many bytes.
+pub(crate) trait Scan {
+    /// Layers that are looked at together.
+    const WIDTH: usize;
+
+    /// A bit for each of the first layers whose range of depths meets [low, high].
+    fn overlaps<K: Kernel>(
+        kernel: K,
+        how: &K::Layers,
+        layers: &Layers,
+        first: usize,
+        low: u32,
+        high: u32,
+    ) -> u32;
 }
 
-impl Scan for u32 {
+/// Up to 4 bytes.
+pub(crate) struct Narrow;
+/// Up to 8 bytes.
+pub(crate) struct Wide;
+
+impl Scan for Narrow {
+    const WIDTH: usize = 8;
+
     #[inline(always)]
-    fn overlaps<K: Kernel>(kernel: K, layers: &[Self], low: u32, high: u32) -> u32 {
-        layers
-            .first_chunk()
-            .map_or(0, |layers| kernel.narrow(layers, low, high))
+    fn overlaps<K: Kernel>(
+        kernel: K,
+        how: &K::Layers,
+        layers: &Layers,
+        first: usize,
+        low: u32,
+        high: u32,
+    ) -> u32 {
+        let bytes = layers.from_layer(first).first_chunk();
+        bytes.map_or(0, |bytes| kernel.narrow(how, bytes, low, high))
     }
 }
 
-impl Scan for u64 {
+impl Scan for Wide {
+    const WIDTH: usize = 4;
+
     #[inline(always)]
-    fn overlaps<K: Kernel>(kernel: K, layers: &[Self], low: u32, high: u32) -> u32 {
-        layers
-            .first_chunk()
-            .map_or(0, |layers| kernel.wide(layers, low, high))
+    fn overlaps<K: Kernel>(
+        kernel: K,
+        how: &K::Layers,
+        layers: &Layers,
+        first: usize,
+        low: u32,
+        high: u32,
+    ) -> u32 {
+        let bytes = layers.from_layer(first).first_chunk();
+        bytes.map_or(0, |bytes| kernel.wide(how, bytes, low, high))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cpu::maps::Layer;
+
+    /// Of every packing, every way to look at layers finds the same.
+    #[test]
+    fn all_kernels_find_the_same_layers() {
+        for bytes in 2..=8 {
+            for depth_bits in Packing::DEPTH_BITS {
+                let Some(packing) = Packing::from_parts(depth_bits, bytes) else {
+                    continue;
+                };
+                check(packing);
+            }
+        }
+    }
+
+    fn check(packing: Packing) {
+        let steps = packing.depth_steps();
+        let ids = 1_u64 << packing.shifts()[1].min(32);
+        let layer = |index: u64| {
+            let hash = |salt: u64| (index * 8 + salt).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 20;
+            let (a, b) = (hash(1) as u32 % steps, hash(2) as u32 % steps);
+            Layer {
+                near: a.min(b),
+                far: a.max(b),
+                target: (hash(3) % ids) as u32,
+            }
+        };
+        let all: Vec<Layer> = (0..40).map(layer).collect();
+        let words = all.iter().map(|layer| packing.pack(*layer));
+        let mut bytes = Layers::pack(packing, words);
+        bytes.resize(bytes.len() + PADDING, 0);
+        let layers = Layers::from_bytes(packing, bytes);
+        assert!(layers.count() == 40 && layers.iter().eq(all.iter().copied()));
+        let ranges = [
+            [0, steps - 1],
+            [steps / 3, steps / 2],
+            [steps - 1, steps - 1],
+            [7, 9],
+        ];
+        for (first, [low, high]) in (0..40).flat_map(|first| ranges.map(|range| (first, range))) {
+            let meets = |layer: &Layer| layer.near <= high && layer.far >= low;
+            let expected = |width: usize| -> u32 {
+                let bits = all[first..].iter().take(width).enumerate();
+                bits.map(|(index, layer)| u32::from(meets(layer)) << index)
+                    .sum()
+            };
+            let width = if packing.bytes() <= 4 { 8 } else { 4 };
+            let there = (1 << width.min(40 - first)) - 1;
+            let expected = expected(width);
+            let portable = scan(Portable, &layers, first, low, high) & there;
+            assert_eq!(portable, expected, "{packing:?}");
+            #[cfg(target_arch = "x86_64")]
+            if let Some(avx2) = Avx2::detect() {
+                let found = scan(avx2, &layers, first, low, high) & there;
+                assert_eq!(found, expected, "{packing:?}");
+            }
+        }
+    }
+
+    fn scan<K: Kernel>(kernel: K, layers: &Layers, first: usize, low: u32, high: u32) -> u32 {
+        let how = kernel.layers(layers.packing());
+        match layers.packing().bytes() {
+            2..=4 => Narrow::overlaps(kernel, &how, layers, first, low, high),
+            _ => Wide::overlaps(kernel, &how, layers, first, low, high),
+        }
     }
 }

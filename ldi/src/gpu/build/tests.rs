@@ -10,8 +10,9 @@ use crate::{
     Coverage, Directions, LdiParams,
     cpu::{
         build::{Plan, build},
-        maps::{Block, LANES, Layer, Layers, Maps, Pixel, pixel_index, slabs},
+        maps::{Block, LANES, Maps, Packing, Pixel, pixel_index, slabs},
     },
+    gpu::upload::is_wide,
 };
 
 /// Near and far depth of each layer of a pixel, by what it is of.
@@ -26,35 +27,36 @@ struct Table {
 
 impl Table {
     fn of_cpu(maps: &Maps) -> Self {
-        fn unpacked<L: Layer>(layers: &[L]) -> Vec<[u32; 3]> {
-            let unpack = |layer: &L| [layer.near(), layer.far(), layer.target()];
-            layers.iter().map(unpack).collect()
-        }
+        let layers = maps.layers.iter();
         Self {
             pixels: maps.pixels.clone(),
-            layers: match &maps.layers {
-                Layers::Narrow(layers) => unpacked(layers),
-                Layers::Wide(layers) => unpacked(layers),
-            },
-            steps: maps.layers.depth_steps(),
+            layers: layers
+                .map(|layer| [layer.near, layer.far, layer.target])
+                .collect(),
+            steps: maps.layers.packing().depth_steps(),
         }
     }
 
-    fn of_gpu(context: &Context, table: &wgpu::Buffer, wide: bool, pixels: usize) -> Self {
+    fn of_gpu(context: &Context, table: &wgpu::Buffer, packing: Packing, pixels: usize) -> Self {
         let words: Vec<u32> = context
             .read("maps", table, table.size() as usize / 4)
             .unwrap();
         let [pixels_at, layers_at] = [words[2], words[3]].map(|word| 4 * word as usize);
         let layers = &words[layers_at..];
+        let (bits, steps) = (packing.depth_bits(), packing.depth_steps());
         Self {
             pixels: bytemuck::cast_slice(&words[pixels_at..pixels_at + 2 * (pixels + 1)]).to_vec(),
-            layers: if wide {
+            layers: if is_wide(packing) {
                 let pairs = layers.chunks_exact(2);
                 pairs
                     .map(|word| [word[1] >> 16, word[1] & 0xffff, word[0]])
                     .collect()
             } else {
-                let unpack = |word: &u32| [word >> 24, word >> 16 & 0xff, word & 0xffff];
+                let rest = 32 - 2 * bits;
+                let unpack = |word: &u32| {
+                    let target = word & ((1 << rest) - 1);
+                    [word >> (32 - bits), word >> rest & (steps - 1), target]
+                };
                 layers.iter().map(unpack).collect()
             },
             steps: words[4],
@@ -102,10 +104,9 @@ impl Case<'_> {
         let transforms = scene.transforms();
         let maps = build(scene, &transforms, &self.selection, &self.params).unwrap();
         let plan = Plan::new(scene, &transforms, &self.selection, &self.params).unwrap();
-        let wide = !plan.fits_narrow_layers();
         let [table, _] = MapBuilder::new(method).build(context, &plan).unwrap();
         let expected = Table::of_cpu(&maps);
-        let found = Table::of_gpu(context, &table, wide, maps.pixels.len() - 1);
+        let found = Table::of_gpu(context, &table, plan.packing, maps.pixels.len() - 1);
         assert_eq!(found.steps, expected.steps);
         let (mut layers, mut others, mut off) = (0, 0, [0; 2]);
         for map in 0..maps.frames.len() {

@@ -5,8 +5,8 @@ use std::arch::x86_64::*;
 
 use isophote_scene::Shear;
 
-use super::Kernel;
-use crate::cpu::maps::{Block, LANES};
+use super::{Kernel, READ};
+use crate::cpu::maps::{Block, LANES, Packing};
 
 /// Proof that the processor has AVX2, FMA, BMI1, BMI2 and LZCNT.
 #[derive(Clone, Copy, Debug)]
@@ -30,8 +30,28 @@ pub(crate) struct Triangles {
     axes: [usize; 3],
 }
 
+/// How a register of 8 or 4 layers is filled and read.
+#[derive(Clone, Copy)]
+pub(crate) struct LayerRegisters {
+    /// Of which byte of its half each byte is.
+    places: __m256i,
+    /// Where the second half begins, bytes.
+    half: usize,
+    near: __m128i,
+    far: __m128i,
+    /// Ones where a depth is.
+    depth: __m256i,
+}
+
 impl Kernel for Avx2 {
     type Triangles = Triangles;
+    type Layers = LayerRegisters;
+
+    #[inline(always)]
+    fn layers(self, packing: Packing) -> LayerRegisters {
+        // SAFETY: `self` proves that the instructions exist.
+        unsafe { layers(packing) }
+    }
 
     #[inline(always)]
     fn triangles(self, shear: &Shear) -> Triangles {
@@ -46,15 +66,15 @@ impl Kernel for Avx2 {
     }
 
     #[inline(always)]
-    fn narrow(self, layers: &[u32; 8], low: u32, high: u32) -> u32 {
+    fn narrow(self, how: &LayerRegisters, bytes: &[u8; READ], low: u32, high: u32) -> u32 {
         // SAFETY: `self` proves that the instructions exist.
-        unsafe { narrow(layers, low, high) }
+        unsafe { narrow(how, bytes, low, high) }
     }
 
     #[inline(always)]
-    fn wide(self, layers: &[u64; 4], low: u32, high: u32) -> u32 {
+    fn wide(self, how: &LayerRegisters, bytes: &[u8; READ], low: u32, high: u32) -> u32 {
         // SAFETY: `self` proves that the instructions exist.
-        unsafe { wide(layers, low, high) }
+        unsafe { wide(how, bytes, low, high) }
     }
 
     #[inline(always)]
@@ -74,13 +94,69 @@ fn triangles(shear: &Shear) -> Triangles {
     }
 }
 
+/// For each number of bytes the places of those of 4 layers, or of 2 that take more than 4; 0x80 gives a zero.
+const PLACES: [[u8; 16]; 9] = {
+    let mut all = [[0x80; 16]; 9];
+    let mut size = 2;
+    while size <= 8 {
+        let lane = if size <= 4 { 4 } else { 8 };
+        let mut byte = 0;
+        while byte < 16 {
+            if byte % lane < size {
+                all[size][byte] = (byte / lane * size + byte % lane) as u8;
+            }
+            byte += 1;
+        }
+        size += 1;
+    }
+    all
+};
+
 #[inline]
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
-fn narrow(layers: &[u32; 8], low: u32, high: u32) -> u32 {
+fn layers(packing: Packing) -> LayerRegisters {
+    let size = packing.bytes() as usize;
     // SAFETY: the pointer is of a whole array.
-    let words = unsafe { _mm256_loadu_si256(layers.as_ptr().cast()) };
-    let near = _mm256_srli_epi32::<24>(words);
-    let far = _mm256_srli_epi32::<24>(_mm256_slli_epi32::<8>(words));
+    let places = unsafe { _mm_loadu_si128(PLACES[size].as_ptr().cast()) };
+    let [near, far] = packing
+        .shifts()
+        .map(|shift| _mm_cvtsi32_si128(shift as i32));
+    let steps = packing.depth_steps() - 1;
+    let (half, depth) = if size <= 4 {
+        (4 * size, _mm256_set1_epi32(steps as i32))
+    } else {
+        (2 * size, _mm256_set1_epi64x(steps.into()))
+    };
+    LayerRegisters {
+        places: _mm256_broadcastsi128_si256(places),
+        half,
+        near,
+        far,
+        depth,
+    }
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
+fn spread(how: &LayerRegisters, bytes: &[u8; READ]) -> __m256i {
+    debug_assert!(how.half <= 16, "both halves lie in the bytes");
+    let start = bytes.as_ptr();
+    // SAFETY: 16 bytes at the start, and at most 16 further on, lie in the array of 32.
+    let (low, high) = unsafe {
+        (
+            _mm_loadu_si128(start.cast()),
+            _mm_loadu_si128(start.add(how.half).cast()),
+        )
+    };
+    _mm256_shuffle_epi8(_mm256_set_m128i(high, low), how.places)
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
+fn narrow(how: &LayerRegisters, bytes: &[u8; READ], low: u32, high: u32) -> u32 {
+    let words = spread(how, bytes);
+    let near = _mm256_srl_epi32(words, how.near);
+    let far = _mm256_and_si256(_mm256_srl_epi32(words, how.far), how.depth);
     let behind = _mm256_cmpgt_epi32(near, _mm256_set1_epi32(high as i32));
     let before = _mm256_cmpgt_epi32(_mm256_set1_epi32(low as i32), far);
     let apart = _mm256_castsi256_ps(_mm256_or_si256(behind, before));
@@ -89,11 +165,10 @@ fn narrow(layers: &[u32; 8], low: u32, high: u32) -> u32 {
 
 #[inline]
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
-fn wide(layers: &[u64; 4], low: u32, high: u32) -> u32 {
-    // SAFETY: the pointer is of a whole array.
-    let words = unsafe { _mm256_loadu_si256(layers.as_ptr().cast()) };
-    let near = _mm256_srli_epi64::<48>(words);
-    let far = _mm256_srli_epi64::<48>(_mm256_slli_epi64::<16>(words));
+fn wide(how: &LayerRegisters, bytes: &[u8; READ], low: u32, high: u32) -> u32 {
+    let words = spread(how, bytes);
+    let near = _mm256_srl_epi64(words, how.near);
+    let far = _mm256_and_si256(_mm256_srl_epi64(words, how.far), how.depth);
     let behind = _mm256_cmpgt_epi64(near, _mm256_set1_epi64x(i64::from(high)));
     let before = _mm256_cmpgt_epi64(_mm256_set1_epi64x(i64::from(low)), far);
     let apart = _mm256_castsi256_pd(_mm256_or_si256(behind, before));
