@@ -91,14 +91,7 @@ fn boxed<T: BuildGpuTracer + 'static>(
 fn maps(context: &Context, plan: &Plan<'_>) -> Result<(Box<dyn GpuTracer>, u64)> {
     let (args, selection) = (&plan.args.ldi, static_part(plan));
     let tracer = if args.has_file() {
-        let built = args.maps(plan)?;
-        LdiGpuTracer::from_maps(
-            context,
-            plan.scene,
-            &selection,
-            built.params(),
-            built.maps(),
-        )?
+        LdiGpuTracer::upload(context, &args.maps(plan)?)?
     } else {
         LdiGpuTracer::build(context, plan.scene, &selection, &args.params())?
     };

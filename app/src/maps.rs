@@ -141,7 +141,7 @@ impl LdiArgs {
             return Ok(BuiltTracer {
                 bytes: maps.bytes(),
                 tracer: Box::new(maps),
-                maps: Some(info),
+                maps: Some(Box::new(info)),
             });
         };
         ensure!(
@@ -162,7 +162,7 @@ impl LdiArgs {
         Ok(BuiltTracer {
             bytes: maps.bytes() + exact.bytes(),
             tracer: Box::new(WithFallback::new(maps, exact, least)),
-            maps: Some(info),
+            maps: Some(Box::new(info)),
         })
     }
 }

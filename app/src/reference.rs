@@ -127,7 +127,7 @@ impl Ground {
     /// The tracer's maps, where it has any on the CPU.
     pub(crate) fn maps(&self) -> Option<&MapsInfo> {
         match self {
-            Self::Cpu { built, .. } => built.maps.as_ref(),
+            Self::Cpu { built, .. } => built.maps.as_deref(),
             #[cfg(feature = "gpu")]
             Self::Gpu { .. } => None,
         }

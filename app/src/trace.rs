@@ -121,7 +121,7 @@ struct Report<'a> {
     /// Held by the tracer's own structures.
     bytes: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
-    maps: Option<MapsInfo>,
+    maps: Option<Box<MapsInfo>>,
     triangles: usize,
     memory_peak_bytes: Option<u64>,
     device: String,
@@ -274,7 +274,7 @@ impl Built {
         }
     }
 
-    fn maps(&self) -> Option<MapsInfo> {
+    fn maps(&self) -> Option<Box<MapsInfo>> {
         match self {
             Self::Cpu(built) => built.maps.clone(),
             #[cfg(feature = "gpu")]

@@ -203,7 +203,7 @@ pub(crate) struct BuiltTracer {
     pub(crate) tracer: Box<dyn Tracer>,
     pub(crate) bytes: usize,
     /// Where it has any.
-    pub(crate) maps: Option<MapsInfo>,
+    pub(crate) maps: Option<Box<MapsInfo>>,
 }
 
 /// What tracers are built of.

@@ -673,6 +673,8 @@ fn flags_without_effect_are_refused() {
         (&["--ldi-filter-sigma=0"], "0.1"),
         (&["--ldi-texture-level=-1"], "0 to 32"),
         (&["--ldi-layers=center", "--ldi-exact=200%"], "share"),
+        (&["--ldi-depth-error=0"], "1/64 to 4096"),
+        (&["--ldi-shadows=maps"], "--device gpu"),
         (&["--ldi-memory-limit=1", "--ldi-resolution=4096"], "memory"),
     ] {
         place.refused(&hybrid(&[flags, &["-o", "out.exr"]].concat()), expected);

@@ -9,13 +9,17 @@
 //! alone. `--truth 0` leaves out the pictures, `--conformance 0` the suite. The built-in atrium, 4x128 of both layers and
 //! a share of 15 unless given.
 
-use std::{path::Path, sync::Arc, time::Instant};
+use std::{
+    path::Path,
+    sync::{Arc, Mutex},
+    time::Instant,
+};
 
 use glam::Vec3;
 use isophote_ldi::{Coverage, Directions, LdiParams, LdiTracer, cpu::build::pairs};
 use isophote_scene::{
-    Aabb, BuildTracer, BvhOptions, BvhTracer, Confident, Hit, Ray, Scene, Selection, Tracer,
-    WithFallback, builtin, load,
+    Aabb, Answers, BuildTracer, BvhOptions, BvhTracer, Confident, Hit, Ray, Scene, Selection,
+    SurfaceId, Tracer, WithFallback, builtin, load,
     reference::{Materials, Quantity, Settings, Tracers, render},
     sample::{Frame, Sampler, cosine_hemisphere, uniform_sphere},
     testing::{Tolerances, conformance},
@@ -205,8 +209,8 @@ impl<'a> Bench<'a> {
             "exact_closest_mrays": self.rates[0],
             "exact_any_mrays": self.rates[1],
             "crossings": crossings(tracer, &self.rays, &hits),
-            "confused": self.share(&hits, |hit, truth| hit.is_some() != truth.is_some()),
-            "t_off": self.share(&hits, t_is_off),
+            "confused": share_of(&hits, &self.hits, is_confused),
+            "t_off": share_of(&hits, &self.hits, t_is_off),
         });
         if self.arguments.truth > 0 {
             report["truth"] = self.truth(tracer);
@@ -216,17 +220,28 @@ impl<'a> Bench<'a> {
             report["conformance"] = self.conformance(tracer);
         }
         if params.coverage == Coverage::Center {
+            let rays = self.picture_rays(tracer);
             let dials = self.arguments.shares.iter();
-            let dials = dials.map(|share| self.dial(tracer, share / 100.0));
+            let dials = dials.map(|share| self.dial(tracer, &rays, share / 100.0));
             report["dials"] = dials.collect();
         }
         report
     }
 
-    /// The share of the rays about whose answers something is so.
-    fn share(&self, hits: &[Option<Hit>], so: fn(&Option<Hit>, &Option<Hit>) -> bool) -> f64 {
-        let pairs = hits.iter().zip(&self.hits);
-        pairs.filter(|(hit, truth)| so(hit, truth)).count() as f64 / hits.len() as f64
+    /// The first rays that the picture asks of the secondary tracer, as many as are measured; one after the other as the
+    /// picture's pixels lie.
+    fn picture_rays(&self, tracer: &LdiTracer) -> Vec<Ray> {
+        let recorder = Recorder {
+            tracer,
+            rays: Mutex::default(),
+        };
+        let samples = self.arguments.rays.div_ceil((SIZE[0] * SIZE[1]) as usize);
+        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+        let one = one.expect("a thread");
+        one.install(|| indirect(&self.scene, &self.exact, &recorder, samples as u32));
+        let mut rays = recorder.rays.into_inner().expect("no panic");
+        rays.truncate(self.arguments.rays);
+        rays
     }
 
     /// The light of one bounce beside that by the exact tracer, with the same samples.
@@ -271,30 +286,85 @@ impl<'a> Bench<'a> {
         kinds.collect()
     }
 
-    /// The dial where it sends this share of the rays to the exact tracer, sorting and asking again in the time.
-    fn dial(&self, tracer: &LdiTracer, share: f32) -> Value {
-        let mut answers = vec![(None, 0.0); self.rays.len()];
-        tracer.closest_all_with_confidence(&self.rays, &mut answers);
+    /// The dial where it sends this share of the rays to the exact tracer, sorting and asking again in the time. Its share,
+    /// its speed and what it gets wrong are of the rays of the picture that its error is of.
+    fn dial(&self, tracer: &LdiTracer, rays: &[Ray], share: f32) -> Value {
+        let (truth, exact_rates) = rates(&self.exact, rays);
+        let mut answers = vec![(None, 0.0); rays.len()];
+        tracer.closest_all_with_confidence(rays, &mut answers);
         let mut sure: Vec<f32> = answers.iter().map(|answer| answer.1).collect();
         sure.sort_by(f32::total_cmp);
         let index = (share * sure.len() as f32) as usize;
         let least = sure.get(index).copied().unwrap_or(2.0);
         let dial = WithFallback::new(tracer, &self.exact, least);
-        let (hits, rates) = rates(&dial, &self.rays);
+        let (hits, rates) = rates(&dial, rays);
         let sent = answers.iter().filter(|answer| answer.1 < least).count();
         let mut report = json!({
             "least_sure": least,
             "exact_share": sent as f64 / answers.len() as f64,
+            "rays": rays.len(),
             "closest_mrays": rates[0],
             "any_mrays": rates[1],
-            "confused": self.share(&hits, |hit, truth| hit.is_some() != truth.is_some()),
-            "t_off": self.share(&hits, t_is_off),
+            "exact_closest_mrays": exact_rates[0],
+            "exact_any_mrays": exact_rates[1],
+            "confused": share_of(&hits, &truth, is_confused),
+            "t_off": share_of(&hits, &truth, t_is_off),
         });
         if self.arguments.truth > 0 {
             report["truth"] = self.truth(&dial);
         }
         report
     }
+}
+
+/// Keeps what is asked.
+struct Recorder<'a> {
+    tracer: &'a LdiTracer,
+    rays: Mutex<Vec<Ray>>,
+}
+
+impl Recorder<'_> {
+    fn keep(&self, ray: &Ray) {
+        self.rays.lock().expect("no panic").push(*ray);
+    }
+}
+
+impl Tracer for Recorder<'_> {
+    fn answers(&self) -> Answers {
+        self.tracer.answers()
+    }
+
+    fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
+        self.keep(ray);
+        self.tracer.closest_hit(ray)
+    }
+
+    fn any_hit(&self, ray: &Ray) -> bool {
+        self.tracer.any_hit(ray)
+    }
+
+    fn closest_hit_from(&self, ray: &Ray, start: SurfaceId) -> Option<Hit> {
+        self.keep(ray);
+        self.tracer.closest_hit_from(ray, start)
+    }
+
+    fn any_hit_from(&self, ray: &Ray, start: SurfaceId) -> bool {
+        self.tracer.any_hit_from(ray, start)
+    }
+}
+
+/// The share of the rays about whose answers something is so.
+fn share_of(
+    hits: &[Option<Hit>],
+    truth: &[Option<Hit>],
+    so: fn(&Option<Hit>, &Option<Hit>) -> bool,
+) -> f64 {
+    let pairs = hits.iter().zip(truth);
+    pairs.filter(|(hit, truth)| so(hit, truth)).count() as f64 / hits.len() as f64
+}
+
+fn is_confused(hit: &Option<Hit>, truth: &Option<Hit>) -> bool {
+    hit.is_some() != truth.is_some()
 }
 
 fn t_is_off(hit: &Option<Hit>, truth: &Option<Hit>) -> bool {

@@ -1,4 +1,4 @@
-//! The maps on a GPU: built there, or built as [`LdiTracer`](crate::LdiTracer)'s and uploaded, and traced in shaders.
+//! The maps on a GPU: built there, or built as [`LdiTracer`]'s and uploaded, and traced in shaders.
 //!
 //! | stage | CPU | GPU |
 //! |---|---|---|
@@ -32,7 +32,7 @@ use self::{
     upload::{Words, faces, words},
 };
 use crate::{
-    LdiParams,
+    LdiParams, LdiTracer,
     cpu::{build::Plan, maps::Maps},
 };
 
@@ -134,25 +134,19 @@ impl LdiGpuTracer {
         })
     }
 
-    /// Uploads maps that have been built or loaded before.
+    /// Uploads the maps of a tracer on CPUs, which were built or loaded.
     ///
     /// # Errors
     /// [`Error::GpuLimit`] when they are too large for the device, and
     /// [`Error::Gpu`] when it fails.
-    pub fn from_maps(
-        context: &Context,
-        scene: &Arc<Scene>,
-        selection: &Selection,
-        params: &LdiParams,
-        maps: &Maps,
-    ) -> Result<Self> {
-        let tables = Tables::new(params, maps);
+    pub fn upload(context: &Context, twin: &LdiTracer) -> Result<Self> {
+        let tables = Tables::new(twin.params(), twin.maps());
         Ok(Self {
             binding: TracerBinding::new(context, LABEL, None, &tables.bind())?,
             builder: MapBuilder::new(BuildMethod::default()),
-            scene: scene.clone(),
-            selection: *selection,
-            params: *params,
+            scene: twin.scene().clone(),
+            selection: *twin.selection(),
+            params: *twin.params(),
         })
     }
 }

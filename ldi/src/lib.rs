@@ -31,9 +31,9 @@
 //! - The cells of the cube are bent to nearly equal angles.
 //! - Maps are projected in parallel to their direction onto the plane across its longest axis instead of across the
 //!   direction itself: the same lines, no rotation, and walls and floors of one depth.
-//! - A layer keeps the range of depths its triangles have within the pixel, rounded outwards to 8 bits (16 where there
-//!   are many triangles), and only tells which triangles a ray may meet; where it meets them is calculated from the
-//!   triangles. So quantised depths cost no accuracy.
+//! - A layer keeps the range of depths its triangles have within the pixel, rounded outwards to as few bits as a bound on
+//!   their error allows ([`LdiParams::depth_error`]), and only tells which triangles a ray may meet; where it meets them is
+//!   calculated from the triangles. So quantised depths cost no accuracy.
 //! - By default ([`Coverage::Touched`]) layers are groups of triangles that touch the pixel anywhere, and answers are
 //!   exact. [`Coverage::Center`] is the paper's sampling, with ε as the distance beside a triangle that still counts as
 //!   on it, and with a rule against a ray's own surroundings.

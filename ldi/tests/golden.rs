@@ -1,4 +1,5 @@
-//! The hybrid renderer's pictures of built-in scenes are as bright as they were, and no further from the exact ones.
+//! The hybrid renderer's pictures of built-in scenes, and of real ones where there are any in `../shared/scenes`, are as
+//! bright as they were, and no further from the exact ones.
 //!
 //! `ISOPHOTE_GOLDEN=write cargo test -p isophote-ldi --test golden` writes what is measured into `golden.json`.
 #![expect(clippy::unwrap_used, reason = "tests")]
@@ -8,11 +9,26 @@ use std::{collections::BTreeMap, fs, path::Path, sync::Arc};
 use glam::Vec3;
 use isophote_ldi::{Coverage, Hybrid, HybridParams, LdiParams, LdiTracer, Stages};
 use isophote_scene::{
-    BuildTracer, BvhOptions, BvhTracer, Scene, Selection, Tracer, builtin, reference::Tracers,
+    Aabb, BuildTracer, BvhOptions, BvhTracer, Scene, Selection, Tracer, builtin, load,
+    reference::Tracers,
 };
 
 const SIZE: [u32; 2] = [40, 30];
 const SCENES: [&str; 3] = ["cornell", "corner", "office"];
+/// Files, and the bounds that the maps are fitted to.
+const FILES: [(&str, Option<Aabb>); 3] = [
+    ("cornell_glossy.glb", None),
+    ("sponza_dabrovic.glb", None),
+    // The nave: the file holds the houses around it too.
+    (
+        "sibenik.glb",
+        Some(Aabb {
+            min: Vec3::new(-20.0, -2.0, -9.0),
+            max: Vec3::new(28.0, 31.0, 9.0),
+        }),
+    ),
+];
+const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/scenes");
 /// Means are the same up to rounding, which decides where light falls on an edge.
 const SAME: f64 = 0.01;
 /// Errors may be smaller.
@@ -48,9 +64,13 @@ fn relative_rmse(values: &[Vec3], truth: &[Vec3]) -> f64 {
 }
 
 /// Means of the stages, what each kind of layers gets wrong, and what each filter does.
-fn measure(name: &str) -> Metrics {
-    let scene = Arc::new(builtin::build(name).unwrap());
+fn measure(scene: Scene, bounds: Option<Aabb>) -> Metrics {
+    let scene = Arc::new(scene);
     let everything = Selection::default();
+    let inside = Selection {
+        bounds,
+        ..everything
+    };
     let exact = BvhTracer::build(&scene, &everything, &BvhOptions::default()).unwrap();
     let paper = HybridParams::default();
     let truth = render(&scene, &exact, &exact, &paper);
@@ -85,7 +105,7 @@ fn measure(name: &str) -> Metrics {
             coverage,
             ..LdiParams::default()
         };
-        let maps = LdiTracer::build(&scene, &everything, &params).unwrap();
+        let maps = LdiTracer::build(&scene, &inside, &params).unwrap();
         let stages = render(&scene, &exact, &maps, &paper);
         let error = relative_rmse(&stages.picture, &truth.picture);
         metrics.insert(format!("error of layers {layers}"), error);
@@ -96,14 +116,23 @@ fn measure(name: &str) -> Metrics {
 #[test]
 fn pictures_are_as_they_were() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden.json");
-    let now: BTreeMap<&str, Metrics> = SCENES.map(|name| (name, measure(name))).into();
+    let built_in = SCENES.map(|name| (name, measure(builtin::build(name).unwrap(), None)));
+    let mut now = BTreeMap::from(built_in);
+    for (name, bounds) in FILES {
+        let file = Path::new(FOLDER).join(name);
+        if file.exists() {
+            now.insert(name, measure(load(&file).unwrap(), bounds));
+        } else {
+            eprintln!("skipped: there is no {}", file.display());
+        }
+    }
     if std::env::var_os("ISOPHOTE_GOLDEN").is_some_and(|what| what == "write") {
         fs::write(&path, serde_json::to_string_pretty(&now).unwrap() + "\n").unwrap();
         return;
     }
     let golden: BTreeMap<String, Metrics> =
         serde_json::from_str(&fs::read_to_string(&path).unwrap()).unwrap();
-    assert_eq!(golden.len(), SCENES.len());
+    assert_eq!(golden.len(), SCENES.len() + FILES.len());
     for (scene, metrics) in now {
         let golden = &golden[scene];
         assert!(metrics.keys().eq(golden.keys()), "{scene}");

@@ -91,7 +91,7 @@ fn differences(
     let selection = Selection::default();
     let cpu = LdiTracer::build(scene, &selection, params).unwrap();
     let gpu = match built {
-        None => LdiGpuTracer::from_maps(context, scene, &selection, params, cpu.maps()),
+        None => LdiGpuTracer::upload(context, &cpu),
         Some(method) => LdiGpuTracer::build_with(context, scene, &selection, params, method),
     };
     let gpu = gpu.unwrap();

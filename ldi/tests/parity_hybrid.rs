@@ -9,31 +9,30 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use isophote_ldi::{
-    Coverage, Hybrid, HybridParams, LdiParams, LdiTracer, Stages,
+    Coverage, Error, Hybrid, HybridParams, LdiParams, LdiTracer, Shadows, Stages,
     gpu::{self, LdiGpuTracer},
 };
 use isophote_scene::{
     BuildTracer, BvhOptions, BvhTracer, LightKind, Scene, Selection, builtin,
-    gpu::{
-        BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, ShadowOptions, Timer, reference::World,
-    },
+    gpu::{BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, ShadowOptions, reference::World},
     reference::Tracers,
 };
 
 const SIZE: [u32; 2] = [48, 36];
 
-fn maps_params() -> LdiParams {
-    LdiParams {
-        coverage: Coverage::Touched,
+fn maps(scene: &Arc<Scene>, coverage: Coverage) -> LdiTracer {
+    let params = LdiParams {
+        coverage,
         resolution: 64,
         ..LdiParams::default()
-    }
+    };
+    LdiTracer::build(scene, &Selection::default(), &params).unwrap()
 }
 
-fn on_cpu(scene: &Arc<Scene>, params: &HybridParams) -> Stages {
+fn on_cpu(scene: &Arc<Scene>, params: &HybridParams, coverage: Coverage) -> Stages {
     let selection = Selection::default();
     let exact = BvhTracer::build(scene, &selection, &BvhOptions::default()).unwrap();
-    let secondary = LdiTracer::build(scene, &selection, &maps_params()).unwrap();
+    let secondary = maps(scene, coverage);
     let tracers = Tracers {
         exact: &exact,
         secondary: &secondary,
@@ -46,12 +45,19 @@ fn on_gpu(
     context: &Context,
     scene: &Arc<Scene>,
     params: &HybridParams,
+    coverage: Coverage,
     shadow_maps: Option<&ShadowOptions>,
 ) -> Stages {
     let selection = Selection::default();
     let gpu_scene = GpuScene::new(context, scene).unwrap();
     let exact = ComputeBvhTracer::build(context, scene, &selection, &()).unwrap();
-    let secondary = LdiGpuTracer::build(context, scene, &selection, &maps_params()).unwrap();
+    let twin = maps(scene, coverage);
+    let secondary = match coverage {
+        Coverage::Touched => LdiGpuTracer::build(context, scene, &selection, twin.params()),
+        // Built on the device a few layers at edges are others.
+        Coverage::Center => LdiGpuTracer::upload(context, &twin),
+    };
+    let secondary = secondary.unwrap();
     let world = World {
         scene,
         gpu_scene: &gpu_scene,
@@ -59,17 +65,43 @@ fn on_gpu(
         secondary: &secondary,
     };
     let hybrid = gpu::Hybrid::new(context, world, params, SIZE, shadow_maps).unwrap();
-    let mut encoder = context.device().create_command_encoder(&Default::default());
-    let mut timer = Timer::new(context, 16);
     let camera = &scene.cameras[0];
-    hybrid
-        .record(context, &mut encoder, world, camera, Some(&mut timer))
-        .unwrap();
-    timer.resolve(&mut encoder);
-    context.submit("hybrid", encoder).unwrap();
+    let times = hybrid.render(context, world, camera, &|_, _| {}).unwrap();
+    println!("{times:?}");
     let stages = hybrid.read(context).unwrap();
-    println!("{:?}", timer.read(context).unwrap());
+    // In one submission it is the same.
+    let mut encoder = context.device().create_command_encoder(&Default::default());
+    hybrid
+        .record(context, &mut encoder, world, camera, None)
+        .unwrap();
+    context.submit("hybrid", encoder).unwrap();
+    assert_eq!(stages.picture, hybrid.read(context).unwrap().picture);
     stages
+}
+
+/// Numbers of rays that no buffer of dispatches holds are refused before anything is allocated.
+#[test]
+fn too_many_rays_are_an_error() {
+    let context = Context::noop();
+    let scene = Arc::new(builtin::build("builtin:cornell").unwrap());
+    let gpu_scene = GpuScene::new(&context, &scene).unwrap();
+    let exact = ComputeBvhTracer::build(&context, &scene, &Selection::default(), &()).unwrap();
+    let world = World {
+        scene: &scene,
+        gpu_scene: &gpu_scene,
+        exact: &exact,
+        secondary: &exact,
+    };
+    let params = HybridParams {
+        diffuse_rays: 1 << 16,
+        ..HybridParams::default()
+    };
+    assert!(gpu::Hybrid::new(&context, world, &params, [64, 64], None).is_ok());
+    let error = gpu::Hybrid::new(&context, world, &params, [1024, 1024], None).unwrap_err();
+    assert!(
+        matches!(error, Error::Scene(isophote_scene::Error::GpuLimit { .. })),
+        "{error}"
+    );
 }
 
 /// How two pictures differ: the bias, and the shares of pixels that are off by more than 1 % and 10 % of the mean.
@@ -87,15 +119,24 @@ fn differences(found: &[Vec3], expected: &[Vec3]) -> [f32; 3] {
 }
 
 /// Compares all stages with samples in the middle of pixels.
-fn check(context: &Context, name: &str, scene: &Arc<Scene>, params: &HybridParams) {
-    let (expected, found) = (on_cpu(scene, params), on_gpu(context, scene, params, None));
+fn check(
+    context: &Context,
+    name: &str,
+    scene: &Arc<Scene>,
+    params: &HybridParams,
+    coverage: Coverage,
+) {
+    let expected = on_cpu(scene, params, coverage);
+    let found = on_gpu(context, scene, params, coverage, None);
     for pass in &found.passes {
         let twin = expected.passes.iter().find(|twin| twin.name == pass.name);
-        let rays = twin.map_or(0, |twin| twin.rays + twin.shadow_rays);
-        assert!(
-            pass.rays.abs_diff(rays) <= rays / 200,
-            "{name}: {pass:?}, on the CPU {rays} rays"
-        );
+        let twin = twin.unwrap();
+        for (rays, expected) in [(pass.rays, twin.rays), (pass.shadow_rays, twin.shadow_rays)] {
+            assert!(
+                rays.abs_diff(expected) <= expected / 200,
+                "{name}: {pass:?}, on the CPU {twin:?}"
+            );
+        }
     }
     let stages = found.layers().into_iter().zip(expected.layers());
     for ((stage, found), (_, expected)) in
@@ -152,13 +193,44 @@ fn stages_are_the_cpus() {
         return;
     };
     let office = office();
-    check(&context, "stopped at edges", &office, &params());
+    let touched = Coverage::Touched;
+    check(&context, "stopped at edges", &office, &params(), touched);
     let filtered = HybridParams {
         light_filter_width: 5,
         edges: None,
         ..params()
     };
-    check(&context, "light filtered", &office, &filtered);
+    check(&context, "light filtered", &office, &filtered, touched);
+}
+
+/// The paper's layers, shadows by them, and what glass shows; with more light rays than a dispatch takes.
+#[test]
+fn other_maps_shadows_and_glass_are_the_cpus() {
+    let Some(context) = Context::for_tests() else {
+        return;
+    };
+    let mut office = builtin::build("builtin:office").unwrap();
+    for material in &mut office.materials {
+        material.transmission = 0.5;
+        material.roughness = 0.3;
+    }
+    let glass = Arc::new(office);
+    let by_maps = HybridParams {
+        shadows: Shadows::Secondary,
+        light_rays: 20,
+        ..params()
+    };
+    let cornell = Arc::new(builtin::build("builtin:cornell").unwrap());
+    let (touched, center) = (Coverage::Touched, Coverage::Center);
+    check(&context, "glass", &glass, &params(), touched);
+    check(&context, "shadows by maps", &cornell, &by_maps, touched);
+    check(
+        &context,
+        "shadows by the paper's",
+        &cornell,
+        &by_maps,
+        center,
+    );
 }
 
 fn rms(a: &[Vec3], b: &[Vec3]) -> f32 {
@@ -179,11 +251,12 @@ fn four_samples_are_the_cpus_but_for_noise() {
         light_rays: 16,
         ..params()
     };
+    let touched = Coverage::Touched;
     let (expected, found) = (
-        on_cpu(&cornell, &params),
-        on_gpu(&context, &cornell, &params, None),
+        on_cpu(&cornell, &params, touched),
+        on_gpu(&context, &cornell, &params, touched, None),
     );
-    let other = on_cpu(&cornell, &HybridParams { seed: 1, ..params });
+    let other = on_cpu(&cornell, &HybridParams { seed: 1, ..params }, touched);
     let layers = found.layers().into_iter().zip(expected.layers());
     for (((stage, found), (_, expected)), (_, other)) in layers.zip(other.layers()) {
         if stage == "glossy" {
@@ -216,8 +289,9 @@ fn shadow_maps_cast_the_shadows_of_rays() {
         ..quick
     };
     let maps = ShadowOptions::default();
-    let found = on_gpu(&context, &office, &quick, Some(&maps));
-    let expected = on_cpu(&office, &slow);
+    let touched = Coverage::Touched;
+    let found = on_gpu(&context, &office, &quick, touched, Some(&maps));
+    let expected = on_cpu(&office, &slow, touched);
     // What secondary rays hit is lit by one light at a time there, so that of indirect light only the mean can be compared.
     for (stage, limits) in [
         ("direct", [0.03, 0.2]),

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
 use isophote_ldi::{Hybrid, HybridParams, Shadows, Stages};
@@ -13,7 +13,7 @@ use isophote_scene::{
 
 #[cfg(feature = "gpu")]
 use isophote_scene::gpu::{
-    GpuTracer, Timer,
+    GpuTracer, ShadowOptions,
     reference::{Integrator, World},
 };
 
@@ -33,9 +33,6 @@ const QUANTITIES: [Quantity; 3] = [Quantity::Direct, Quantity::Indirect, Quantit
 const BOUNCES: u32 = 2;
 /// Layers of the picture beside the quantities.
 const STAGES: u64 = 5;
-/// Most passes that are timed.
-#[cfg(feature = "gpu")]
-const PASSES: u32 = 8;
 /// What a sample takes while it is worked on, bytes.
 const SAMPLE_BYTES: u64 = 512;
 
@@ -81,6 +78,8 @@ enum ShadowsChoice {
     Exact,
     /// The tracer of the secondary rays; what moves is not in maps and casts no shadow then
     Tracer,
+    /// Shadow maps of all lights, of what secondary rays hit too, as in the paper; hard, and on a GPU only
+    Maps,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -100,7 +99,8 @@ impl LdiTechnique {
             glossy_rays: self.ldi_glossy_rays,
             light_rays: self.ldi_light_rays,
             shadows: match self.ldi_shadows {
-                ShadowsChoice::Exact => Shadows::Exact,
+                // With maps neither tracer is asked.
+                ShadowsChoice::Exact | ShadowsChoice::Maps => Shadows::Exact,
                 ShadowsChoice::Tracer => Shadows::Secondary,
             },
             filter_width: self.ldi_filter_width,
@@ -154,6 +154,10 @@ impl Technique for LdiTechnique {
         if let Some((gpu, exact)) = ground.on_gpu() {
             return on_gpu(self, scene, gpu, exact, order, progress);
         }
+        ensure!(
+            self.ldi_shadows != ShadowsChoice::Maps,
+            "--ldi-shadows maps runs on a GPU: give --device gpu"
+        );
         let tracers = ground.on_cpu().context("there is no tracer")?;
         let hybrid = Hybrid::new(scene, tracers, &self.params(&order))?;
         let stages = hybrid.render(order.camera, order.size, progress)?;
@@ -168,7 +172,6 @@ impl Technique for LdiTechnique {
     }
 }
 
-/// In one submission.
 #[cfg(feature = "gpu")]
 fn on_gpu(
     args: &LdiTechnique,
@@ -186,15 +189,12 @@ fn on_gpu(
         secondary: &*gpu.tracer,
     };
     let params = args.params(&order);
-    let hybrid = isophote_ldi::gpu::Hybrid::new(context, world, &params, order.size, None)?;
-    let mut timer = Timer::new(context, PASSES);
-    let mut encoder = context.device().create_command_encoder(&Default::default());
-    hybrid.record(context, &mut encoder, world, order.camera, Some(&mut timer))?;
-    timer.resolve(&mut encoder);
-    context.submit("the technique ldi", encoder)?;
+    let shadow_maps = (args.ldi_shadows == ShadowsChoice::Maps).then(ShadowOptions::default);
+    let shadow_maps = shadow_maps.as_ref();
+    let hybrid = isophote_ldi::gpu::Hybrid::new(context, world, &params, order.size, shadow_maps)?;
+    let times = hybrid.render(context, world, order.camera, progress)?;
     let mut stages = hybrid.read(context)?;
-    progress.advance(1, 1);
-    let times = timer.read(context)?.into_iter();
+    let times = times.into_iter();
     let gpu_seconds: BTreeMap<String, f64> = times
         .map(|pass| (pass.name, pass.time.as_secs_f64()))
         .collect();

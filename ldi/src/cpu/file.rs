@@ -353,3 +353,52 @@ fn foreign(path: &Path, reason: &str) -> Error {
         reason: reason.into(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use isophote_scene::{BuildTracer, builtin};
+
+    use super::*;
+
+    /// A checksum only tells that a file is as it was written: one that was written wrong is refused too.
+    #[test]
+    fn what_points_nowhere_is_found() {
+        let scene = Arc::new(builtin::build("cornell").unwrap());
+        for coverage in [Coverage::Touched, Coverage::Center] {
+            let params = LdiParams {
+                cells: 1,
+                resolution: 16,
+                coverage,
+                ..LdiParams::default()
+            };
+            let built = LdiTracer::build(&scene, &Selection::default(), &params).unwrap();
+            let reason = |spoil: &dyn Fn(&mut Maps)| {
+                let mut maps = built.maps().clone();
+                spoil(&mut maps);
+                check(&maps, &params, &scene)
+            };
+            assert_eq!(reason(&|_| {}), Ok(()));
+            let share = Err("its pixels do not share out its layers");
+            assert_eq!(reason(&|maps| maps.pixels[1].first = u32::MAX), share);
+            assert_eq!(reason(&|maps| maps.pixels[0].first = 1), share);
+            let last = built.maps().pixels.len() - 1;
+            assert_eq!(reason(&|maps| maps.pixels[last].first += 1), share);
+            assert_eq!(reason(&|maps| maps.pixels.clear()), share);
+            let fewer = |maps: &mut Maps| maps.blocks.truncate(1);
+            assert_eq!(reason(&fewer), Err("a layer is of no triangle"));
+            let other = Err("a triangle is none of the scene's");
+            assert_eq!(
+                reason(&|maps| maps.surfaces[0].primitives[0] = 1 << 30),
+                other
+            );
+            assert_eq!(
+                reason(&|maps| maps.surfaces[0].instances[0] = u32::MAX),
+                other
+            );
+            for scale in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+                let spoilt = reason(&|maps| maps.frames[1].scale[2] = scale);
+                assert_eq!(spoilt, Err("a map has no extent"));
+            }
+        }
+    }
+}

@@ -230,7 +230,7 @@ impl Packing {
     }
 }
 
-/// The layers of all pixels, packed; followed by [`PADDING`] unused bytes, so that kernels may read on.
+/// The layers of all pixels, packed; followed by unused bytes, so that kernels may read on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layers {
     packing: Packing,
@@ -274,7 +274,7 @@ impl Layers {
 
     /// The bytes from a layer on.
     #[inline(always)]
-    pub(crate) fn from_layer(&self, index: usize) -> &[u8] {
+    pub(crate) fn since(&self, index: usize) -> &[u8] {
         &self.bytes[index * self.packing.bytes as usize..]
     }
 
@@ -284,7 +284,7 @@ impl Layers {
     /// If there are not so many.
     #[inline(always)]
     pub fn get(&self, index: usize) -> Layer {
-        let word = self.from_layer(index).first_chunk();
+        let word = self.since(index).first_chunk();
         self.packing
             .unpack(word.map_or(0, |word| u64::from_le_bytes(*word)))
     }

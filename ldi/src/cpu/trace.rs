@@ -16,7 +16,7 @@ mod path;
 
 use std::{marker::PhantomData, sync::Arc};
 
-use glam::Affine3A;
+use glam::{Affine3A, Vec3};
 use isophote_scene::{
     Answers, BuildTracer, Confident, Hit, Ray, Result, Scene, Selection, SurfaceId, Tracer,
 };
@@ -115,6 +115,16 @@ impl LdiTracer {
     /// What they were built with.
     pub fn params(&self) -> &LdiParams {
         &self.params
+    }
+
+    #[cfg(feature = "gpu")]
+    pub(crate) fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    #[cfg(feature = "gpu")]
+    pub(crate) fn selection(&self) -> &Selection {
+        &self.selection
     }
 
     #[inline(always)]
@@ -349,6 +359,12 @@ impl<K: Kernel, L: Scan> Walk<'_, K, L> {
 impl Tracer for LdiTracer {
     fn answers(&self) -> Answers {
         Answers::Surface
+    }
+
+    /// 0: a hit lies on its triangle's plane, with [`Coverage::Center`] too. What is wrong there is which triangle it is, and
+    /// then t may be off by any distance; no lifting of rays helps against that, [`Confident`] does.
+    fn tolerance(&self, _: Vec3) -> f32 {
+        0.0
     }
 
     fn closest_hit(&self, ray: &Ray) -> Option<Hit> {

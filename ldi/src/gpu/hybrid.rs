@@ -15,6 +15,9 @@
 
 mod passes;
 mod read;
+mod work;
+
+use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 use isophote_filters::{
@@ -31,16 +34,14 @@ use isophote_scene::{
     sample::hash_seed,
 };
 
-use self::passes::{Passes, Target, Unbound, textures};
+use self::{
+    passes::{Passes, Target, Unbound, textures},
+    work::{DIFFUSE, DIRECT, GLOSSY, MOST_SAMPLES, Piece, Pieces},
+};
 use crate::{
     Error, HybridParams, Result, Shadows,
     cpu::{check_size, filter::pinhole},
 };
-
-/// Most samples of a dispatch: even a slow tracer lights so many in a moment.
-const MOST_SAMPLES: u32 = 1 << 18;
-/// Uniform buffers are bound at multiples of this on every device.
-const STRIDE: usize = 256;
 
 /// `Params` of fragments.wesl.
 #[repr(C)]
@@ -59,21 +60,6 @@ struct GpuParams {
     forward: [f32; 3],
     padding: u32,
 }
-
-/// `Piece` of fragments.wesl.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-struct Piece {
-    first: u32,
-    count: u32,
-    number: u32,
-    stage: u32,
-}
-
-/// The stages that take rays, as numbered in fragments.wesl.
-const DIRECT: u32 = 0;
-const DIFFUSE: u32 = 1;
-const GLOSSY: u32 = 2;
 
 /// The stages' results: textures of `Rgba32Float`, linear RGB and 1, as [`Stages`](crate::Stages).
 #[derive(Debug)]
@@ -115,67 +101,6 @@ pub struct Hybrid {
     stages: StageTextures,
 }
 
-/// The dispatches of the stages that take rays.
-#[derive(Debug)]
-struct Pieces {
-    all: Vec<Piece>,
-    buffer: wgpu::Buffer,
-}
-
-impl Pieces {
-    fn new(
-        context: &Context,
-        world: &World<'_>,
-        params: &HybridParams,
-        samples: u32,
-    ) -> Result<Self> {
-        let counts = [1, params.diffuse_rays, glossy_rays(world, params)];
-        let mut all = Vec::new();
-        for (stage, count) in [DIRECT, DIFFUSE, GLOSSY].into_iter().zip(counts) {
-            for number in 0..count {
-                all.extend(
-                    (0..samples)
-                        .step_by(MOST_SAMPLES as usize)
-                        .map(|first| Piece {
-                            first,
-                            count: MOST_SAMPLES.min(samples - first),
-                            number,
-                            stage,
-                        }),
-                );
-            }
-        }
-        let mut bytes = vec![0_u8; STRIDE * all.len()];
-        for (place, piece) in bytes.chunks_exact_mut(STRIDE).zip(&all) {
-            place[..size_of::<Piece>()].copy_from_slice(bytemuck::bytes_of(piece));
-        }
-        let buffer = context.buffer("pieces", &bytes, wgpu::BufferUsages::UNIFORM)?;
-        Ok(Self { all, buffer })
-    }
-
-    /// Those of a stage: where each lies in the buffer, and its number of samples.
-    fn of(&self, stage: u32) -> impl Iterator<Item = (u32, u32)> {
-        (0..)
-            .step_by(STRIDE)
-            .zip(&self.all)
-            .filter(move |(_, piece)| piece.stage == stage)
-            .map(|(offset, piece)| (offset, piece.count))
-    }
-}
-
-/// Rays of the glossy stage: none where nothing is glossy; those through glass after those of metal.
-fn glossy_rays(world: &World<'_>, params: &HybridParams) -> u32 {
-    let has = |what: fn(&Material) -> f32| {
-        let pbr = params.materials == Materials::Pbr;
-        pbr && world.scene.materials.iter().any(|one| what(one) > 0.0)
-    };
-    match (has(|one| one.metallic), has(|one| one.transmission)) {
-        (_, true) => 2 * params.glossy_rays,
-        (true, false) => params.glossy_rays,
-        (false, false) => 0,
-    }
-}
-
 impl Hybrid {
     /// A renderer for pictures of a size in pixels. With `shadow_maps` no ray goes towards a light: neither from what the
     /// camera sees nor from what secondary rays hit.
@@ -183,8 +108,8 @@ impl Hybrid {
     /// # Errors
     /// [`Error::Parameter`] and [`Error::Filter`] for parameters out of their
     /// range and a size of zero or of more than 2²⁵ samples; [`Error::Scene`] when a tracer does not
-    /// answer [`Answers::Surface`], its module does not link, the device allows no such textures and buffers, or there are
-    /// shadow maps and light that they do not know: of emissive triangles or an environment.
+    /// answer [`Answers::Surface`], its module does not link, the device allows no such textures, buffers and numbers of
+    /// rays, or there are shadow maps and light that they do not know: of emissive triangles or an environment.
     pub fn new(
         context: &Context,
         world: World<'_>,
@@ -249,7 +174,7 @@ impl Hybrid {
             Gaussian::new(context, &twin, params.edges, size, Format::Single)
         };
         let settings = context.buffer::<GpuParams>("hybrid", &[], wgpu::BufferUsages::UNIFORM)?;
-        let pieces = Pieces::new(context, &world, params, samples)?;
+        let pieces = Pieces::new(context, &world, params, samples, shadow_maps.is_some())?;
         let (target, stages) = textures(context, size, samples.min(MOST_SAMPLES), samples)?;
         let passes = Unbound::new(context, &world, params, &rasters, shadow_maps.is_some())?;
         let passes = passes.bound(context, &settings, &pieces.buffer, &target, &stages)?;
@@ -287,6 +212,9 @@ impl Hybrid {
     /// passed by the queue, so that there can be one picture per submission. Passes that the renderer itself records are
     /// timed: `G-buffer`, `direct`, `diffuse`, `glossy`, `filter`, `combine`.
     ///
+    /// All in one submission, which a driver may give up where it takes seconds: for many rays there is
+    /// [`render`](Self::render).
+    ///
     /// # Errors
     /// [`Error::Scene`] when recording fails.
     pub fn record(
@@ -297,9 +225,23 @@ impl Hybrid {
         camera: &Camera,
         mut timer: Option<&mut Timer>,
     ) -> Result<()> {
+        self.record_start(context, encoder, world, camera, timer.as_deref_mut())?;
+        let all = 0..self.pieces.count();
+        self.record_pieces(encoder, &world, all, timer.as_deref_mut());
+        self.record_end(context, encoder, &world, timer)
+    }
+
+    /// Records what the camera sees, and the shadow maps.
+    fn record_start(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        world: World<'_>,
+        camera: &Camera,
+        timer: Option<&mut Timer>,
+    ) -> Result<()> {
         self.set_camera(context, camera)?;
         if let Some(raster) = &self.raster {
-            let timer = timer.as_deref_mut();
             raster.record(
                 context,
                 encoder,
@@ -312,25 +254,38 @@ impl Hybrid {
         if let Some(maps) = &self.shadow_maps {
             maps.record(context, encoder, world.gpu_scene, &world.scene.lights, None)?;
         }
-        let secondary_shadows = self.params.shadows == Shadows::Secondary;
-        let direct = if secondary_shadows {
-            world.secondary
-        } else {
-            world.exact
+        Ok(())
+    }
+
+    /// Records dispatches of the stages that take rays: so many, from number `first` on.
+    fn record_pieces(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        world: &World<'_>,
+        pieces: Range<usize>,
+        mut timer: Option<&mut Timer>,
+    ) {
+        let direct = match self.params.shadows {
+            Shadows::Exact => world.exact,
+            Shadows::Secondary => world.secondary,
         };
         let stages = [
             (DIRECT, "direct", vec![(&self.passes.direct, direct)]),
-            (DIFFUSE, "diffuse", self.gather(&world)),
-            (GLOSSY, "glossy", self.gather(&world)),
+            (DIFFUSE, "diffuse", self.gather(world)),
+            (GLOSSY, "glossy", self.gather(world)),
         ];
         for (stage, name, pipelines) in stages {
+            let mut dispatches = self.pieces.of(stage, &pieces).peekable();
+            if dispatches.peek().is_none() {
+                continue;
+            }
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some(name),
                 timestamp_writes: timer.as_deref_mut().and_then(|timer| timer.compute(name)),
             });
             pass.set_bind_group(2, world.gpu_scene.bind_group(), &[]);
             pass.set_bind_group(3, self.rasters.bind_group(), &[]);
-            for (offset, samples) in self.pieces.of(stage) {
+            for (offset, samples) in dispatches {
                 for (pipeline, tracer) in &pipelines {
                     pass.set_pipeline(pipeline);
                     pass.set_bind_group(0, self.passes.rays(), &[offset]);
@@ -339,9 +294,19 @@ impl Hybrid {
                 }
             }
         }
-        self.over_pixels(encoder, &world, &self.passes.resolve, timer.as_deref_mut());
-        self.filter(context, encoder, &world)?;
-        self.over_pixels(encoder, &world, &self.passes.combine, timer);
+    }
+
+    /// Records what is made of the rays' light.
+    fn record_end(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        world: &World<'_>,
+        mut timer: Option<&mut Timer>,
+    ) -> Result<()> {
+        self.over_pixels(encoder, world, &self.passes.resolve, timer.as_deref_mut());
+        self.filter(context, encoder, world)?;
+        self.over_pixels(encoder, world, &self.passes.combine, timer);
         Ok(())
     }
 

@@ -125,7 +125,7 @@ impl Scan for Narrow {
         low: u32,
         high: u32,
     ) -> u32 {
-        let bytes = layers.from_layer(first).first_chunk();
+        let bytes = layers.since(first).first_chunk();
         bytes.map_or(0, |bytes| kernel.narrow(how, bytes, low, high))
     }
 }
@@ -142,7 +142,7 @@ impl Scan for Wide {
         low: u32,
         high: u32,
     ) -> u32 {
-        let bytes = layers.from_layer(first).first_chunk();
+        let bytes = layers.since(first).first_chunk();
         bytes.map_or(0, |bytes| kernel.wide(how, bytes, low, high))
     }
 }

@@ -10,11 +10,19 @@ use crate::{
     gpu::{SHADERS, kernel},
 };
 
+/// What `light` holds of a sample, as fragments.wesl tells: the light of the three stages and their rays, and the rays
+/// towards lights from what diffuse and what glossy rays hit.
+pub(super) type Light = [[f32; 4]; 4];
+
+const LIGHT_BYTES: u64 = size_of::<Light>() as u64;
+/// `Found` of gather.wesl.
+const HIT_BYTES: u64 = 48;
+
 /// What the stages leave to each other.
 #[derive(Debug)]
 pub(super) struct Target {
-    /// Three words of four a sample.
-    light: wgpu::Buffer,
+    /// Four words of four a sample ([`Light`]).
+    pub(super) light: wgpu::Buffer,
     /// Three a sample of a dispatch.
     hits: wgpu::Buffer,
     pub(super) irradiance: TextureView,
@@ -38,17 +46,6 @@ pub(super) fn textures(
     let view = |label, format| -> Result<TextureView> {
         Ok(whole(&texture(context, label, size, format)?))
     };
-    let storage = |label, bytes: u64| -> Result<wgpu::Buffer> {
-        context.check_storage_size(label, bytes)?;
-        Ok(context.check(label, |device| {
-            device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                size: bytes,
-                usage: wgpu::BufferUsages::STORAGE,
-                mapped_at_creation: false,
-            })
-        })?)
-    };
     let stages = StageTextures {
         direct: picture("direct")?,
         irradiance: picture("irradiance")?,
@@ -58,8 +55,8 @@ pub(super) fn textures(
         picture: picture("picture")?,
     };
     let target = Target {
-        light: storage("light", 48 * u64::from(samples))?,
-        hits: storage("secondary hits", 48 * u64::from(at_once))?,
+        light: kernel::storage(context, "light", LIGHT_BYTES * u64::from(samples))?,
+        hits: kernel::storage(context, "secondary hits", HIT_BYTES * u64::from(at_once))?,
         irradiance: whole(&stages.irradiance),
         light_irradiance: view("irradiance of direct light", color)?,
         normals: view("normals", color)?,

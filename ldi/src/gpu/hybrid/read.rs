@@ -3,7 +3,7 @@
 use glam::{Vec3, Vec4};
 use isophote_scene::{Error, Pass, gpu::Context};
 
-use super::Hybrid;
+use super::{Hybrid, passes::Light};
 use crate::{Result, Stages};
 
 /// What is read.
@@ -11,7 +11,7 @@ const STAGE: &str = "reading a stage";
 
 impl Hybrid {
     /// The stages' results, once what [`record`](Self::record) has recorded was submitted. Of what they took only rays are
-    /// known, those towards lights from what secondary rays hit among them.
+    /// known.
     ///
     /// # Errors
     /// [`Error::Scene`](crate::Error::Scene) when the device fails, leaves pixels unwritten or calculates what is no number.
@@ -29,19 +29,21 @@ impl Hybrid {
     }
 
     fn rays(&self, context: &Context) -> Result<Vec<Pass>> {
-        let normals: Vec<Vec4> = context.read_texture(STAGE, self.target.normals.texture())?;
-        let depths: Vec<Vec4> = context.read_texture(STAGE, self.target.depths.texture())?;
-        let sum = |texels: &[Vec4], channel: usize| -> u64 {
-            texels.iter().map(|texel| texel[channel] as u64).sum()
+        let buffer = &self.target.light;
+        let samples = buffer.size() as usize / size_of::<Light>();
+        let light: Vec<Light> = context.read("rays", buffer, samples)?;
+        let sum = |word: usize, channel: usize| -> u64 {
+            light.iter().map(|light| light[word][channel] as u64).sum()
         };
         let passes = [
-            ("direct", sum(&normals, 3)),
-            ("diffuse", sum(&depths, 1)),
-            ("glossy", sum(&depths, 2)),
+            ("direct", sum(0, 3), 0),
+            ("diffuse", sum(1, 3), sum(3, 0)),
+            ("glossy", sum(2, 3), sum(3, 1)),
         ];
-        let pass = |(name, rays)| Pass {
+        let pass = |(name, rays, shadow_rays)| Pass {
             name,
             rays,
+            shadow_rays,
             ..Pass::default()
         };
         Ok(passes.map(pass).into())
