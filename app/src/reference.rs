@@ -12,7 +12,7 @@ use isophote_scene::{
     gpu::{self, GpuTracer},
 };
 use isophote_scene::{
-    Camera, Pass, Scene, Selection, Tracer,
+    BuildTracer, BvhTracer, Camera, Leaves, Pass, Scene, Selection, Tracer,
     reference::{self, Progress, Quantity, Render, Settings, Tracers},
 };
 
@@ -68,6 +68,7 @@ impl Ground {
     /// Builds the tracer; `adapter` is a part of a GPU's name.
     pub(crate) fn build(choice: Choice, adapter: Option<&str>, plan: &Plan<'_>) -> Result<Self> {
         match choice {
+            Choice::Cpu(TracerChoice::Bvh) if !plan.args.are_leaves_exact() => boxes(plan),
             Choice::Cpu(choice) => Ok(Self::Cpu {
                 built: choice.build(plan)?,
                 exact: match choice {
@@ -176,6 +177,20 @@ impl Ground {
             }
         }
     }
+}
+
+/// One tree, asked for triangles and for the boxes around them.
+fn boxes(plan: &Plan<'_>) -> Result<Ground> {
+    let exact = BvhTracer::build(plan.scene, plan.selection, &plan.args.bvh_options())?;
+    let built = |tracer: BvhTracer| BuiltTracer {
+        bytes: tracer.bytes(),
+        tracer: Box::new(tracer),
+        maps: None,
+    };
+    Ok(Ground::Cpu {
+        built: built(exact.with_leaves(Leaves::Boxes)),
+        exact: Some(built(exact)),
+    })
 }
 
 fn on_cpu<'a>(

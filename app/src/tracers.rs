@@ -152,6 +152,9 @@ pub(crate) struct TracerArgs {
     /// How the tracer bvh holds instances; the answers do not depend on it
     #[arg(long, value_enum, value_name = "LEVELS", default_value = "auto")]
     bvh_levels: BvhLevels,
+    /// What the tracer bvh tests rays against; camera rays and direct light are always traced against triangles
+    #[arg(long, value_enum, value_name = "LEAVES", default_value = "triangles")]
+    bvh_leaves: BvhLeaves,
     #[command(flatten)]
     pub(crate) ldi: LdiArgs,
 }
@@ -166,7 +169,20 @@ enum BvhLevels {
     Two,
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum BvhLeaves {
+    /// Triangles: exact
+    Triangles,
+    /// The boxes around triangles, unless they hold an end of the ray: imperfect visibility
+    Boxes,
+}
+
 impl TracerArgs {
+    /// Whether the tracer bvh is exact.
+    pub(crate) fn are_leaves_exact(&self) -> bool {
+        self.bvh_leaves == BvhLeaves::Triangles
+    }
+
     pub(crate) fn bvh_options(&self) -> BvhOptions {
         BvhOptions {
             levels: match self.bvh_levels {
@@ -184,6 +200,10 @@ impl TracerArgs {
             choice == Choice::Cpu(TracerChoice::Bvh) || self.bvh_levels == BvhLevels::Auto,
             "--bvh-levels is for the tracer bvh; {} has none",
             choice.name()
+        );
+        ensure!(
+            choice == Choice::Cpu(TracerChoice::Bvh) || self.are_leaves_exact(),
+            "--bvh-leaves is for the tracer bvh; on GPUs the tracer boxes tests boxes"
         );
         self.ldi.check(matches!(choice, Choice::Gpu(_)))
     }

@@ -101,7 +101,7 @@ impl Levels {
 pub struct BvhTracer {
     scene: Arc<Scene>,
     selection: Selection,
-    tree: Tree,
+    tree: Arc<Tree>,
     leaves: Leaves,
     #[cfg(target_arch = "x86_64")]
     avx2: Option<kernel::Avx2>,
@@ -148,6 +148,15 @@ fn is_any_selected(scene: &Scene, transforms: &[Affine3A], selection: &Selection
 }
 
 impl BvhTracer {
+    /// The same tree, asked for other leaves: nothing is built or copied, until one of the two is moved.
+    #[must_use]
+    pub fn with_leaves(&self, leaves: Leaves) -> Self {
+        Self {
+            leaves,
+            ..self.clone()
+        }
+    }
+
     #[inline(always)]
     fn trace_with<const ANY: bool, K: Kernel>(
         &self,
@@ -233,7 +242,7 @@ impl BvhTracer {
 
     #[inline]
     fn trace<const ANY: bool>(&self, ray: &Ray, start: SurfaceId) -> Found {
-        match &self.tree {
+        match &*self.tree {
             Tree::Flat(tree) => self.trace_in::<ANY>(tree, ray, start),
             Tree::Two(tree) => self.trace_in::<ANY>(tree, ray, start),
         }
@@ -245,7 +254,7 @@ impl BvhTracer {
         answers: &mut [T],
         answer: fn(&Found) -> T,
     ) {
-        match &self.tree {
+        match &*self.tree {
             Tree::Flat(tree) => self.trace_all_in::<ANY, T>(tree, rays, answers, answer),
             Tree::Two(tree) => self.trace_all_in::<ANY, T>(tree, rays, answers, answer),
         }
@@ -306,7 +315,7 @@ impl BuildTracer for BvhTracer {
         Ok(Self {
             scene: scene.clone(),
             selection: *selection,
-            tree,
+            tree: Arc::new(tree),
             leaves: options.leaves,
             #[cfg(target_arch = "x86_64")]
             avx2: kernel::Avx2::detect(),
@@ -315,7 +324,7 @@ impl BuildTracer for BvhTracer {
 
     fn update(&mut self, transforms: &[Affine3A]) -> Result<()> {
         check_transforms(&self.scene, transforms)?;
-        match &mut self.tree {
+        match Arc::make_mut(&mut self.tree) {
             Tree::Flat(tree) => {
                 let triangles = world_triangles(&self.scene, transforms, &self.selection);
                 *tree = world_tree(&self.scene, triangles);
@@ -326,7 +335,7 @@ impl BuildTracer for BvhTracer {
     }
 
     fn bytes(&self) -> usize {
-        match &self.tree {
+        match &*self.tree {
             Tree::Flat(tree) => tree.bytes(),
             Tree::Two(tree) => tree.bytes(),
         }
