@@ -5,7 +5,7 @@
 //!     [--case PATHS:VISIBILITY:DOWNSAMPLING:MxN:PATTERN:FILTER]...
 //! ```
 //!
-//! Visibility is `triangles` or `boxes`, the pattern `regular` or `irregular`, the filter `edges` or `paper`; what is left
+//! Visibility is `triangles` or `boxes`, the pattern `regular` or `irregular`, the filter `edges`, `fill` or `paper`; what is left
 //! out is the plain method's. Materials are diffuse, unless some are made mirrors. Every frame shoots its light paths anew
 //! and is rendered wholly; times are medians over the frames. Errors are those of the indirect light against the plain
 //! method with the same number of light paths. The built-in office and 180 light paths unless given.
@@ -95,6 +95,7 @@ impl Case {
             },
             filter: match next() {
                 Some("paper") => Filter::Paper,
+                Some("fill") => Filter::Fill,
                 _ => Filter::Edges,
             },
             light_rays: 1,

@@ -3,10 +3,12 @@
 //! Each page is one HTML file with its pictures inside, and the same numbers as JSON beside it. Everything is measured
 //! by `isophote` and by the crates' own benches; here it is only put together.
 
+mod igi;
 mod lab;
 mod ldi;
 mod page;
 mod plot;
+mod report;
 
 use anyhow::Result;
 
@@ -20,11 +22,13 @@ pub(crate) struct Arguments {
 #[derive(clap::Subcommand)]
 enum Paper {
     Ldi(ldi::Arguments),
+    Igi(igi::Arguments),
 }
 
 /// Makes one page.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     match &arguments.paper {
         Paper::Ldi(arguments) => ldi::run(arguments),
+        Paper::Igi(arguments) => igi::run(arguments),
     }
 }

@@ -144,15 +144,21 @@ impl Lab {
         self.isophote.json(&["compare", &shot, &truth, "--json"])
     }
 
-    /// The lines that the bench `trace` of a crate prints.
-    pub(super) fn bench(&self, package: &str, scene: &Scene, flags: &[&str]) -> Result<Vec<Value>> {
+    /// The lines that a bench of a crate prints.
+    pub(super) fn bench(
+        &self,
+        [package, bench]: [&str; 2],
+        scene: &Scene,
+        flags: &[&str],
+    ) -> Result<Vec<Value>> {
         self.note(&format!(
             "measuring in {}: {}",
             scene.title,
             flags.join(" ")
         ));
         let package = format!("--package={package}");
-        let mut command = cargo(["bench", "--quiet", &package, "--bench=trace", "--"]);
+        let bench = format!("--bench={bench}");
+        let mut command = cargo(["bench", "--quiet", &package, &bench, "--"]);
         // Cargo runs benches in the folder of their crate.
         if scene.is_builtin {
             command.arg(&scene.path);
@@ -195,12 +201,16 @@ impl Shot {
     /// Rays of a pass per second, in millions, its shadow rays not counted but in the time; by the GPU's own clock
     /// where it tells.
     pub(super) fn mrays(&self, name: &str) -> Result<f64> {
-        let pass = self.pass(name)?;
-        let seconds = match self.report["gpu_seconds"][name].as_f64() {
-            Some(seconds) => seconds,
-            None => number(pass, "/seconds")?,
-        };
-        Ok(number(pass, "/rays")? / seconds / 1e6)
+        let rays = number(self.pass(name)?, "/rays")?;
+        Ok(rays / self.pass_seconds(name)? / 1e6)
+    }
+
+    /// Seconds of a pass; by the GPU's own clock where it tells.
+    pub(super) fn pass_seconds(&self, name: &str) -> Result<f64> {
+        match self.report["gpu_seconds"][name].as_f64() {
+            Some(seconds) => Ok(seconds),
+            None => number(self.pass(name)?, "/seconds"),
+        }
     }
 
     fn pass(&self, name: &str) -> Result<&Value> {

@@ -9,20 +9,23 @@ mod memory;
 mod table1;
 mod truth;
 
-use anyhow::{Result, bail};
-use serde_json::{Map, Value, json};
+use anyhow::Result;
 
 use super::{
     lab::{Lab, Scene},
-    page::{Page, Section},
+    report::{Measure, Report},
 };
-use crate::{isophote::Source, machine::Machine};
+use crate::isophote::Source;
 
-const TITLE: &str = "Fast indirect illumination using layered depth images";
-const INTRO: &str = "Nießner, Schäfer and Stamminger, The Visual Computer 26, 2010, made again. Their numbers are of an \
+const REPORT: Report = Report {
+    name: "ldi",
+    title: "Fast indirect illumination using layered depth images",
+    intro: "Nießner, Schäfer and Stamminger, The Visual Computer 26, 2010, made again. Their numbers are of an \
     NVIDIA GTX 285 (GPU) at 512 × 512 pixels; ours are of the processor named below, so a rate is to be read against the \
     exact tracer beside it and not against theirs. 'touched' layers hold all triangles of a pixel and are exact; 'center' \
-    layers are the paper's, sampled at the pixels' centres.";
+    layers are the paper's, sampled at the pixels' centres.",
+    sections: &SECTIONS,
+};
 
 /// NSS10: layered depth images
 #[derive(clap::Args)]
@@ -40,9 +43,6 @@ pub(crate) struct Arguments {
     source: Source,
 }
 
-/// Measures a section; its numbers go into the JSON.
-type Measure = fn(&Lab) -> Result<(Section, Value)>;
-
 const SECTIONS: [(&str, Measure); 6] = [
     ("table-1", table1::measure),
     ("truth", truth::measure),
@@ -54,45 +54,9 @@ const SECTIONS: [(&str, Measure); 6] = [
 
 /// Measures everything and writes the page.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    for name in &arguments.only {
-        if !SECTIONS.iter().any(|section| section.0 == name) {
-            let known = SECTIONS.map(|section| section.0).join(", ");
-            bail!("there is no section '{name}'; there are: {known}");
-        }
-    }
-    let machine = Machine::current();
-    let lab = Lab::new(
-        arguments.source.isophote()?,
-        "ldi",
-        arguments.quick,
-        arguments.gpu,
-    )?;
-    let mut sections = Vec::new();
-    let mut numbers = Map::new();
-    for (name, measure) in SECTIONS {
-        if arguments.only.is_empty() || arguments.only.iter().any(|only| only == name) {
-            let (section, values) = measure(&lab)?;
-            sections.push(section);
-            numbers.insert(name.to_owned(), values);
-        }
-    }
-    let page = Page {
-        title: TITLE,
-        intro: INTRO,
-        machine: &machine,
-        seconds: lab.seconds(),
-        sections: &sections,
-    };
-    let index = lab.write("index.html", &page.html())?;
-    let report = json!({
-        "machine": machine,
-        "quick": arguments.quick,
-        "seconds": lab.seconds(),
-        "sections": numbers,
-    });
-    lab.write("ldi.json", &(serde_json::to_string_pretty(&report)? + "\n"))?;
-    println!("{}", index.display());
-    Ok(())
+    let isophote = arguments.source.isophote()?;
+    let lab = Lab::new(isophote, REPORT.name, arguments.quick, arguments.gpu)?;
+    REPORT.write(&lab, &arguments.only)
 }
 
 fn sponza(lab: &Lab) -> Scene {
@@ -107,18 +71,4 @@ fn sibenik(lab: &Lab) -> Scene {
 
 fn cornell(lab: &Lab) -> Scene {
     lab.scene("cornell_original", "Cornell box", &[], "cornell")
-}
-
-/// A share in percent.
-fn percent(share: f64) -> String {
-    format!("{:.2} %", 100.0 * share)
-}
-
-/// A share in percent, with its sign.
-fn signed(share: f64) -> String {
-    format!("{:+.2} %", 100.0 * share)
-}
-
-fn cells<const N: usize>(texts: [&str; N]) -> Vec<String> {
-    texts.map(str::to_owned).into()
 }

@@ -3,10 +3,11 @@
 use anyhow::Result;
 use serde_json::{Value, json};
 
-use super::{percent, sibenik, signed, sponza};
+use super::{sibenik, sponza};
 use crate::paper::{
     lab::{Lab, Scene, Shot, number},
     page::{Part, Picture, Section},
+    report::{percent, signed},
 };
 
 const EXACT: &[&str] = &["--tracer=bvh"];

@@ -3,10 +3,11 @@
 use anyhow::Result;
 use serde_json::{Value, json};
 
-use super::{cells, percent, signed, sponza};
+use super::sponza;
 use crate::paper::{
     lab::{Lab, number},
     page::{Part, Section},
+    report::{cells, percent, signed},
 };
 
 const TEXT: &str = "Indirect light by 8 diffuse rays a pixel of the exact tracer, against many rays and no filter. 11 × 11 \

@@ -81,7 +81,11 @@ pub(super) fn measure(lab: &Lab) -> Result<(Section, Value)> {
 
 fn lines(lab: &Lab, scene: &Scene, cases: &[&str]) -> Result<Vec<Value>> {
     let flags = ["--rays", "131072", "--truth", "0", "--share", "0"];
-    lab.bench("isophote-ldi", scene, &[&flags[..], cases].concat())
+    lab.bench(
+        ["isophote-ldi", "trace"],
+        scene,
+        &[&flags[..], cases].concat(),
+    )
 }
 
 fn plot(title: &str, x: &str, key: &str, lines: &[Value]) -> Result<String> {

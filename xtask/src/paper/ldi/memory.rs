@@ -3,10 +3,11 @@
 use anyhow::Result;
 use serde_json::{Value, json};
 
-use super::{cells, sponza};
+use super::sponza;
 use crate::paper::{
     lab::{Lab, number},
     page::{Part, Section},
+    report::cells,
 };
 
 /// Cells, pixels, and what the paper tells of them.
@@ -31,7 +32,7 @@ pub(super) fn measure(lab: &Lab) -> Result<(Section, Value)> {
         let both = ["center", "touched"].map(|layers| format!("{case}:{layers}"));
         let flags = ["--rays", "4096", "--truth", "0", "--share", "0"];
         let flags = [&flags[..], &["--case", &both[0], "--case", &both[1]]].concat();
-        let lines = lab.bench("isophote-ldi", &scene, &flags)?;
+        let lines = lab.bench(["isophote-ldi", "trace"], &scene, &flags)?;
         for line in &lines {
             let bytes = number(line, "/map_bytes")?;
             let unshared = number(line, "/unshared_bytes")?;

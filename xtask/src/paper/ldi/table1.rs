@@ -3,10 +3,11 @@
 use anyhow::Result;
 use serde_json::{Value, json};
 
-use super::{cells, percent, sibenik};
+use super::sibenik;
 use crate::paper::{
     lab::{Lab, Scene, Shot},
     page::{Part, Section},
+    report::{cells, percent},
 };
 
 /// A row of the paper's table.

@@ -3,10 +3,11 @@
 use anyhow::Result;
 use serde_json::{Value, json};
 
-use super::{cells, cornell, percent, sibenik, signed, sponza};
+use super::{cornell, sibenik, sponza};
 use crate::paper::{
     lab::{Lab, number},
     page::{Part, Section},
+    report::{cells, percent, signed},
 };
 
 const CASES: [&str; 4] = [
@@ -41,7 +42,7 @@ pub(super) fn measure(lab: &Lab) -> Result<(Section, Value)> {
     flags.extend(cases.iter().flat_map(|case| ["--case", case]));
     let (mut rows, mut leaks, mut numbers) = (Vec::new(), Vec::new(), Vec::new());
     for scene in [sponza(lab), sibenik(lab), cornell(lab)] {
-        for line in lab.bench("isophote-ldi", &scene, &flags)? {
+        for line in lab.bench(["isophote-ldi", "trace"], &scene, &flags)? {
             let resolution = line["resolution"].as_u64().unwrap_or_default();
             let maps = format!(
                 "{resolution}² {}",

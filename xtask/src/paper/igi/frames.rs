@@ -1,0 +1,243 @@
+//! Fig. 4 and 5: what the stages of a frame take, what each shortcut gains and what it costs in truth.
+
+use anyhow::{Context, Result};
+use serde_json::{Value, json};
+
+use super::{Measured, conference, office};
+use crate::paper::{
+    lab::{Lab, Scene, number},
+    page::{Part, Section},
+    report::{cells, percent, signed},
+};
+
+/// A case of the bench `frame`, without the number of light paths; what it is, and what the paper has of it.
+#[derive(Clone, Copy)]
+struct Variant {
+    name: &'static str,
+    case: &'static str,
+    /// The speed-up of the indirect stage that the paper tells.
+    then: &'static str,
+    /// The variant to which that speed-up is.
+    over: Option<usize>,
+}
+
+/// The paper's, one shortcut after another.
+const PAPER: [Variant; 4] = [
+    Variant {
+        name: "plain",
+        case: "triangles",
+        then: "",
+        over: None,
+    },
+    Variant {
+        name: "imperfect visibility",
+        case: "boxes",
+        then: "1.5 to 2",
+        over: Some(0),
+    },
+    Variant {
+        name: "+ downsampling 4 × 4",
+        case: "boxes:4:1x1:regular:paper",
+        then: "about 5",
+        over: Some(1),
+    },
+    Variant {
+        name: "+ interleaving 3 × 3",
+        case: "boxes:4:3x3:regular:paper",
+        then: "further",
+        over: Some(2),
+    },
+];
+
+/// The milder ones that the paper proposes, and ours; to the plain method.
+const OTHERS: [Variant; 10] = [
+    other("downsampling 4 × 4 alone", "triangles:4:1x1:regular:paper"),
+    other("downsampling 4 × 4, depths too", "triangles:4"),
+    other("downsampling 3 × 3, depths too", "triangles:3"),
+    other("4 × 4 and 3 × 3", "triangles:4:3x3:regular:paper"),
+    other("4 × 4 and 2 × 2", "triangles:4:2x2:regular:paper"),
+    other(
+        "4 × 4 and 3 × 3, irregular",
+        "triangles:4:3x3:irregular:paper",
+    ),
+    other(
+        "4 × 4 and 3 × 3, one pass, depths too",
+        "triangles:4:3x3:regular:edges",
+    ),
+    other(
+        "4 × 4 and 3 × 3, irregular, one pass",
+        "triangles:4:3x3:irregular:edges",
+    ),
+    other(
+        "4 × 4 and 3 × 3, gaps filled",
+        "triangles:4:3x3:regular:fill",
+    ),
+    other(
+        "boxes, 4 × 4 and 3 × 3, gaps filled",
+        "boxes:4:3x3:regular:fill",
+    ),
+];
+
+const fn other(name: &'static str, case: &'static str) -> Variant {
+    Variant {
+        name,
+        case,
+        then: "",
+        over: Some(0),
+    }
+}
+
+/// Materials of the table and of the chairs' frames in Conference.
+const MIRRORS: &str = "mesh29_SG,mesh21_SG";
+
+const TEXT: &str = "Milliseconds of the stages of a frame and their share, medians; every frame shoots its light paths anew. \
+    'mirrored' is the light of the virtual lights on what mirrors show, which the paper counts as part of its direct stage. Speed-ups \
+    are those of the indirect stage; errors are those of the indirect light against the plain method with the same virtual lights. \
+    The paper tells speed-ups, and 2.8 frames/s for Conference with all three shortcuts.";
+
+const STAGES: [&str; 7] = [
+    "vpls", "camera", "direct", "mirrored", "indirect", "filter", "compose",
+];
+
+pub(super) fn measure(lab: &Lab) -> Measured {
+    let (mut parts, mut numbers) = (vec![Part::Text(TEXT.to_owned())], Vec::new());
+    for scene in [conference(lab), office(lab)] {
+        let mut table = Table::new(lab, &scene, "");
+        for paths in [30, 90, 180] {
+            table.add(paths, &PAPER)?;
+        }
+        parts.push(Part::Text(format!("Fig. 4 and 5, {}", scene.title)));
+        table.finish(&mut parts, &mut numbers);
+        let mut table = Table::new(lab, &scene, "");
+        let variants = [&PAPER[..1], &OTHERS].concat();
+        table.add(180, &variants)?;
+        parts.push(Part::Text(format!(
+            "Milder settings and other filters, {}",
+            scene.title
+        )));
+        table.finish(&mut parts, &mut numbers);
+    }
+    let scene = conference(lab);
+    if !scene.is_builtin {
+        let mut table = Table::new(lab, &scene, MIRRORS);
+        table.add(180, &PAPER)?;
+        let title = "Conference with the table and the chairs' frames made mirrors: what they show is lit at full resolution \
+                     and by all virtual lights, whatever the shortcuts";
+        parts.push(Part::Text(title.to_owned()));
+        table.finish(&mut parts, &mut numbers);
+    }
+    let section = Section {
+        id: "frames",
+        title: "Fig. 4 and 5: frames, stage by stage",
+        parts,
+    };
+    Ok((section, Value::Array(numbers)))
+}
+
+/// A table of one scene.
+struct Table<'a> {
+    lab: &'a Lab,
+    scene: &'a Scene,
+    mirrors: &'static str,
+    rows: Vec<Vec<String>>,
+    numbers: Vec<Value>,
+}
+
+impl<'a> Table<'a> {
+    fn new(lab: &'a Lab, scene: &'a Scene, mirrors: &'static str) -> Self {
+        Self {
+            lab,
+            scene,
+            mirrors,
+            rows: Vec::new(),
+            numbers: Vec::new(),
+        }
+    }
+
+    /// Measures some variants with as many light paths.
+    fn add(&mut self, paths: u32, variants: &[Variant]) -> Result<()> {
+        let cases: Vec<String> = variants
+            .iter()
+            .map(|variant| format!("{paths}:{}", variant.case))
+            .collect();
+        let mut flags: Vec<&str> = cases.iter().flat_map(|case| ["--case", case]).collect();
+        flags.extend(match self.lab.quick {
+            true => ["--size", "160x120", "--frames", "2"],
+            false => ["--size", "800x600", "--frames", "3"],
+        });
+        if !self.mirrors.is_empty() {
+            flags.extend(["--mirror", self.mirrors]);
+        }
+        let lines = self
+            .lab
+            .bench(["isophote-instant-gi", "frame"], self.scene, &flags)?;
+        for (variant, line) in variants.iter().zip(&lines) {
+            let over = variant.over.and_then(|over| lines.get(over));
+            self.rows.push(row(paths, variant, line, over)?);
+            self.numbers.push(json!({
+                "title": self.scene.title, "variant": variant.name, "speed_up_then": variant.then,
+                "measured": line,
+            }));
+        }
+        Ok(())
+    }
+
+    fn finish(self, parts: &mut Vec<Part>, numbers: &mut Vec<Value>) {
+        let head = cells([
+            "light paths",
+            "variant",
+            "frames/s",
+            "vpls",
+            "camera",
+            "direct",
+            "mirrored",
+            "indirect",
+            "filter",
+            "compose",
+            "speed-up then",
+            "now",
+            "relRMSE added",
+            "bias",
+        ]);
+        parts.push(Part::Table {
+            head,
+            rows: self.rows,
+        });
+        numbers.extend(self.numbers);
+    }
+}
+
+fn row(paths: u32, variant: &Variant, line: &Value, over: Option<&Value>) -> Result<Vec<String>> {
+    let frame = number(line, "/frame_seconds")?;
+    let mut row = vec![
+        paths.to_string(),
+        variant.name.to_owned(),
+        format!("{:.2}", 1.0 / frame),
+    ];
+    for name in STAGES {
+        let seconds = stage(line, name)?;
+        row.push(format!(
+            "{:.0} ({:.0} %)",
+            1e3 * seconds,
+            100.0 * seconds / frame
+        ));
+    }
+    row.push(variant.then.to_owned());
+    row.push(match over {
+        Some(over) => format!("{:.2}", stage(over, "indirect")? / stage(line, "indirect")?),
+        None => String::new(),
+    });
+    row.push(percent(number(line, "/rel_rmse")?));
+    row.push(signed(number(line, "/bias")?));
+    Ok(row)
+}
+
+/// Seconds of a stage.
+fn stage(line: &Value, name: &str) -> Result<f64> {
+    let passes = line["passes"].as_array();
+    let pass = passes.and_then(|passes| passes.iter().find(|pass| pass["name"] == name));
+    number(
+        pass.with_context(|| format!("the bench told nothing of the stage {name}"))?,
+        "/seconds",
+    )
+}
