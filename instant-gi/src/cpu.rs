@@ -4,8 +4,10 @@
 //! see the virtual lights: any tracer, exact or not.
 
 pub mod emission;
+mod fill;
 pub(crate) mod filter;
 pub(crate) mod indirect;
+mod samples;
 mod specular;
 mod tiles;
 
@@ -18,23 +20,21 @@ use glam::Vec3;
 use isophote_scene::{
     Answers, Camera, DirectLight, GBuffer, Image, Pass, Scene, Seen, Tracer,
     reference::{Progress, Tracers},
-    sample::hash,
 };
 use rayon::prelude::*;
 
 use self::{
     emission::{Vpl, shoot},
     filter::Upsample,
-    indirect::{Gather, Receiver},
+    indirect::Gather,
+    samples::Samples,
     specular::Tree,
     tiles::{Direct, Tiles},
 };
-use crate::{Error, GiParams, Pattern, Result};
+use crate::{Error, GiParams, Result};
 
 /// Most pixels of a picture: what is known of each takes up to 256 bytes.
 const MOST_PIXELS: u64 = 1 << 25;
-/// Points that are lit together.
-const CHUNK: usize = 256;
 
 /// Renders a scene as the paper does.
 pub struct InstantGi<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> {
@@ -145,8 +145,15 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
             });
         }
         let samples = Pass::timed(&mut passes, "indirect", || {
-            let (samples, rays) = self.samples(&seen, &gather, &upsample, &meter);
-            (samples, [rays, 0])
+            let samples = Samples {
+                seen: &seen,
+                gather: &gather,
+                grid: upsample.grid,
+                params,
+                meter: &meter,
+            };
+            let (light, rays) = samples.irradiance(&camera.pinhole());
+            (light, [rays, 0])
         });
         let irradiance = Pass::timed(&mut passes, "filter", || {
             (upsample.apply(&samples, &seen, &camera.pinhole()), [0, 0])
@@ -174,62 +181,6 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
             passes,
         })
     }
-
-    /// Stage 4, at the samples of a grid of pixels.
-    fn samples(
-        &self,
-        seen: &GBuffer,
-        gather: &Gather<'_, E, S>,
-        upsample: &Upsample,
-        meter: &Meter<'_>,
-    ) -> (Vec<Vec3>, u64) {
-        let [columns, rows] = upsample.grid.size();
-        let mut light = vec![Vec3::ZERO; columns * rows];
-        let rays = light
-            .par_chunks_mut(CHUNK)
-            .enumerate()
-            .map(|(chunk, light)| {
-                let mut receivers = Vec::with_capacity(light.len());
-                let mut places = Vec::with_capacity(light.len());
-                for place in 0..light.len() {
-                    let number = chunk * CHUNK + place;
-                    let sample = [number % columns, number / columns];
-                    let [x, y] = upsample.grid.pixel(sample);
-                    let pixel = y * seen.size[0] as usize + x;
-                    // Metal too, whose irradiance its neighbours may need.
-                    if let Some(seen) = &seen.pixels[pixel] {
-                        places.push(place);
-                        receivers.push(Receiver {
-                            point: &seen.point,
-                            normal: seen.normal(),
-                            part: self.part(sample),
-                            stream: pixel as u32,
-                        });
-                    }
-                }
-                let mut found = vec![Vec3::ZERO; receivers.len()];
-                let [m, n] = self.params.interleaving;
-                let rays = gather.irradiance(&receivers, m * n, &mut found);
-                for (place, found) in places.into_iter().zip(found) {
-                    light[place] = found;
-                }
-                meter.advance(light.len());
-                rays
-            })
-            .sum();
-        (light, rays)
-    }
-
-    /// Which part of the lights lights a sample (§4.3).
-    fn part(&self, [i, j]: [usize; 2]) -> u32 {
-        let [m, n] = self.params.interleaving;
-        let (i, j) = (i as u32, j as u32);
-        let place = (j % n) * m + i % m;
-        match self.params.pattern {
-            Pattern::Regular => place,
-            Pattern::Irregular => shuffled(place, m * n, hash((i / m) ^ hash(j / n))),
-        }
-    }
 }
 
 /// Refuses pictures that are too large, and returns the number of pixels.
@@ -243,19 +194,6 @@ pub(crate) fn check_size([width, height]: [u32; 2]) -> Result<u64> {
         value: format!("{width}x{height}"),
         expected: "it must have 1 to 33554432 pixels",
     })
-}
-
-/// Where a place comes in a shuffled row of as many (Fisher and Yates).
-fn shuffled(place: u32, count: u32, mut seed: u32) -> u32 {
-    let mut order = [0_u8; 64];
-    for (number, slot) in (0..count as u8).zip(&mut order) {
-        *slot = number;
-    }
-    for last in (1..count as usize).rev() {
-        seed = hash(seed.wrapping_add(0x9e37_79b9));
-        order.swap(last, seed as usize % (last + 1));
-    }
-    u32::from(order[place as usize])
 }
 
 /// Counts finished points for whoever watches.

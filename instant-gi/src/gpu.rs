@@ -192,6 +192,13 @@ impl InstantGi {
         size: [u32; 2],
     ) -> Result<Self> {
         params.check()?;
+        if params.filter == crate::Filter::Fill {
+            return Err(crate::Error::Parameter {
+                name: "the filter on a GPU",
+                value: "fill".into(),
+                expected: "it must be edges or paper; gaps are filled on the CPU",
+            });
+        }
         check_size(size)?;
         let exact = world.exact.answers();
         exact.require(Answers::Surface, "igi", "the exact tracer")?;

@@ -56,6 +56,9 @@ pub enum Filter {
     /// Both with depths too, so that surfaces that face alike do not mix.
     #[default]
     Edges,
+    /// Parts of the lights that no neighbouring sample on a sample's surface has are computed at the sample, so that every
+    /// sample has all light; then upsampling by normals and depths. On the CPU.
+    Fill,
 }
 
 impl Default for GiParams {

@@ -103,7 +103,7 @@ fn shortcuts_keep_the_light() {
     let truth = render(&scene, &tracer, &tracer, &plain);
     let truth = mean(&truth.indirect);
     assert!(truth > 0.01);
-    for filter in [Filter::Paper, Filter::Edges] {
+    for filter in [Filter::Paper, Filter::Edges, Filter::Fill] {
         for pattern in [Pattern::Regular, Pattern::Irregular] {
             for (downsampling, interleaving) in [(2, [1, 1]), (1, [3, 3]), (2, [3, 2])] {
                 let params = GiParams {

@@ -120,7 +120,12 @@ fn check(name: &str, found: &Stages, expected: &Stages) {
         );
     }
     let rays = found.rays() as f64 / expected.rays() as f64;
-    assert!((rays - 1.0).abs() < 5e-3, "{name}: {rays} times the rays");
+    assert!(
+        (rays - 1.0).abs() < 5e-3,
+        "{name}: {rays} times the rays: {:?} {:?}",
+        found.passes,
+        expected.passes
+    );
 }
 
 /// Cornell's box with everything that shines, and things that mirror, refract and gleam.

@@ -82,6 +82,8 @@ enum FilterChoice {
     Paper,
     /// Both at once, by normals and depths
     Edges,
+    /// Parts of the lights that a sample's surface lacks are computed there; then upsampling by normals and depths
+    Fill,
 }
 
 impl IgiTechnique {
@@ -103,6 +105,7 @@ impl IgiTechnique {
             filter: match self.igi_filter {
                 FilterChoice::Paper => Filter::Paper,
                 FilterChoice::Edges => Filter::Edges,
+                FilterChoice::Fill => Filter::Fill,
             },
             materials: order.settings.materials,
             seed: order.settings.seed,

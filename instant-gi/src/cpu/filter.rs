@@ -28,14 +28,14 @@ impl Upsample {
         let tile = params.interleaving.map(|side| side as usize);
         let edges = match params.filter {
             Filter::Paper => EdgeStop::COSINE,
-            Filter::Edges => EdgeStop::default(),
+            Filter::Edges | Filter::Fill => EdgeStop::default(),
         };
         let thresholds = match params.filter {
             Filter::Paper => Thresholds {
                 depth: 0.1,
                 ..Thresholds::default()
             },
-            Filter::Edges => Thresholds::default(),
+            Filter::Edges | Filter::Fill => Thresholds::default(),
         };
         // Of each part of the lights the nearest samples on all sides.
         let near = Neighborhood {
@@ -48,7 +48,7 @@ impl Upsample {
                 reach: Neighborhood::default().radius,
                 ..Neighborhood::default()
             },
-            Filter::Edges => Neighborhood::default(),
+            Filter::Edges | Filter::Fill => Neighborhood::default(),
         };
         Ok(Self {
             grid: SampleGrid::new(size, factor)?,
@@ -71,9 +71,9 @@ impl Upsample {
         self.filter == Filter::Edges && self.is_tiled()
     }
 
-    /// Whether there are tiles to be joined.
+    /// Whether there are tiles to be joined; filled ones are already.
     pub(crate) fn is_tiled(&self) -> bool {
-        self.tile != [1, 1]
+        self.tile != [1, 1] && self.filter != Filter::Fill
     }
 
     /// Irradiance in every pixel of that of the samples.

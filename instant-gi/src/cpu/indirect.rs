@@ -35,10 +35,29 @@ pub(super) struct Receiver<'a> {
     pub(super) point: &'a SurfacePoint,
     /// The shading normal on the viewer's side.
     pub(super) normal: Vec3,
-    /// Which part of the lights lights it.
-    pub(super) part: u32,
+    /// Which parts of the lights light it, a bit for each.
+    pub(super) parts: u64,
     /// What its random numbers belong to.
     pub(super) stream: u32,
+}
+
+/// How light is shared out among points.
+pub(super) struct Share {
+    /// Parts of the lights, at most 64.
+    pub(super) parts: u32,
+    /// What the light of a part counts.
+    pub(super) scale: f32,
+    /// Whether what the bound leaves out is to be found again.
+    pub(super) compensate: bool,
+}
+
+impl Share {
+    /// All light at every point.
+    pub(super) const ALL: Self = Self {
+        parts: 1,
+        scale: 1.0,
+        compensate: true,
+    };
 }
 
 /// Rays that are traced together, so that memory does not grow with the number of lights; few enough for a cache.
@@ -48,7 +67,11 @@ const BATCH: usize = 1 << 12;
 fn by_part(receivers: &[Receiver<'_>], parts: u32) -> Vec<Vec<usize>> {
     let mut by_part = vec![Vec::new(); parts as usize];
     for (index, receiver) in receivers.iter().enumerate() {
-        by_part[receiver.part as usize].push(index);
+        let mut left = receiver.parts;
+        while left != 0 {
+            by_part[left.trailing_zeros() as usize].push(index);
+            left &= left - 1;
+        }
     }
     by_part
 }
@@ -72,16 +95,16 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
         }
     }
 
-    /// Irradiance at points, each by one of so many parts of the lights, added to `light`; and the number of rays.
+    /// Irradiance at points by their parts of the lights, added to `light`; and the number of rays.
     pub(super) fn irradiance(
         &self,
         receivers: &[Receiver<'_>],
-        parts: u32,
+        share: &Share,
         light: &mut [Vec3],
     ) -> u64 {
         let tolerance = |receiver: &Receiver<'_>| self.tracer.tolerance(receiver.point.position);
         let tolerances: Vec<f32> = receivers.iter().map(tolerance).collect();
-        let by_part = by_part(receivers, parts);
+        let by_part = by_part(receivers, share.parts);
         let (mut rays, mut arrivals) = (Vec::new(), Vec::new());
         let mut hidden = Vec::new();
         let mut count = 0;
@@ -98,11 +121,11 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
             }
         };
         for (number, vpl) in self.vpls.iter().enumerate() {
-            for &index in &by_part[number % parts as usize] {
+            for &index in &by_part[number % by_part.len()] {
                 let both = [tolerances[index], self.tolerances[number]];
                 if let Some((ray, arriving)) = self.towards(&receivers[index], vpl, both) {
                     rays.push(ray);
-                    arrivals.push((index, arriving * parts as f32));
+                    arrivals.push((index, arriving * share.scale));
                 }
             }
             if rays.len() >= BATCH {
@@ -110,7 +133,7 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
             }
         }
         flush(&mut rays, &mut arrivals);
-        if self.params.compensation > 0 && self.params.min_d > 0.0 {
+        if share.compensate && self.params.compensation > 0 && self.params.min_d > 0.0 {
             for (receiver, light) in receivers.iter().zip(light) {
                 let (left_out, rays) = self.left_out(receiver);
                 *light += left_out;
@@ -196,7 +219,7 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
         let receiver = Receiver {
             point,
             normal,
-            part: 0,
+            parts: 1,
             stream: 0,
         };
         let here = self.tracer.tolerance(point.position);

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use super::{
     Meter,
-    indirect::{Gather, Receiver},
+    indirect::{Gather, Receiver, Share},
     specular::{Found, Tree},
 };
 
@@ -137,12 +137,14 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Tiles<'_, E, S> {
             .map(|mirrored| Receiver {
                 point: &mirrored.point,
                 normal: mirrored.normal,
-                part: 0,
+                parts: 1,
                 stream: mirrored.pixel,
             })
             .collect();
         let mut irradiance = vec![Vec3::ZERO; receivers.len()];
-        cost.mirrored_rays += self.gather.irradiance(&receivers, 1, &mut irradiance);
+        cost.mirrored_rays += self
+            .gather
+            .irradiance(&receivers, &Share::ALL, &mut irradiance);
         for (mirrored, irradiance) in found.mirrored.drain(..).zip(irradiance) {
             specular[mirrored.pixel as usize - first] += mirrored.weight * irradiance;
         }

@@ -35,7 +35,7 @@ const GPUS: [Tracer; 2] = [
     Tracer {
         name: "compute BVH on the GPU",
         flags: &["--device=gpu", "--tracer=compute-bvh"],
-        others: &[("boxes, by ray query", &["--device=gpu", "--tracer=boxes"])],
+        others: &[("boxes", &["--device=gpu", "--tracer=compute-boxes"])],
     },
     Tracer {
         name: "ray query on the GPU",
