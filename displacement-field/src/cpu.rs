@@ -1,0 +1,20 @@
+//! The method on CPUs, in the order of the paper's stages.
+//!
+//! 1. [`build`]: from every position on the bounding sphere a hemisphere of rays is traced (Algorithm 1), by any exact
+//!    tracer of the mesh alone.
+//! 2. [`samples`]: what is kept of them; [`file`](mod@file) keeps it on disk.
+//! 3. [`look_up`]: a ray that enters the sphere is looked up (Algorithm 2).
+//! 4. [`tracer`]: many fields, placed; [`top`] finds which spheres a ray meets; [`together`] adds what has no field.
+//!
+//! Beside the ray there are [`proximity`], the distance to the closest point, and [`split`], several spheres for a mesh.
+
+pub mod build;
+pub mod field;
+pub mod file;
+pub mod look_up;
+pub mod proximity;
+pub mod samples;
+pub mod split;
+pub mod together;
+pub mod top;
+pub mod tracer;

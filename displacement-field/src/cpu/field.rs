@@ -1,0 +1,134 @@
+//! The displacement field of a mesh: its sphere, and what every ray into it meets.
+
+use std::{
+    collections::HashMap,
+    hash::Hasher,
+    sync::{Arc, LazyLock, Mutex, PoisonError, Weak},
+};
+
+use glam::Vec3;
+use isophote_scene::Mesh;
+use siphasher::sip128::{Hasher128, SipHasher13};
+
+use super::samples::Samples;
+use crate::{FieldParams, Positions, Sphere, Storage};
+
+/// How far rays that enter the bounding sphere of a mesh travel before they meet it: one field for all instances and all
+/// levels of detail of the mesh.
+#[derive(Clone, Debug)]
+pub struct Field {
+    pub(crate) params: FieldParams,
+    pub(crate) sphere: Sphere,
+    pub(crate) mesh_key: [u64; 2],
+    /// The positions on the unit sphere.
+    pub(crate) points: Arc<[Vec3]>,
+    pub(crate) samples: Samples,
+}
+
+impl Field {
+    pub(crate) fn new(
+        params: FieldParams,
+        sphere: Sphere,
+        mesh_key: [u64; 2],
+        samples: Samples,
+    ) -> Self {
+        Self {
+            params,
+            sphere,
+            mesh_key,
+            points: points(params.positions),
+            samples,
+        }
+    }
+
+    /// How it was sampled.
+    pub const fn params(&self) -> &FieldParams {
+        &self.params
+    }
+
+    /// The sphere around the mesh, in its own space.
+    pub const fn sphere(&self) -> Sphere {
+        self.sphere
+    }
+
+    /// Whether it was built of this mesh, vertex by vertex. Levels of detail of a mesh have other keys and may use its
+    /// field all the same.
+    pub fn is_of(&self, mesh: &Mesh) -> bool {
+        self.mesh_key == mesh_key(mesh)
+    }
+
+    /// Bytes of its samples; the positions are shared by all fields that have the same.
+    pub fn bytes(&self) -> usize {
+        self.samples.bytes()
+    }
+
+    /// How far answers may be off where a ray's surroundings are smooth, in metres of the mesh's space: half the way to
+    /// the next position, or to what the next direction of a map sees in the middle of the sphere.
+    pub fn tolerance(&self) -> f32 {
+        let directions = crate::directions::reach(self.params.directions, self.params.resolution);
+        self.sphere.radius * self.params.positions.reach().max(0.5 * directions)
+    }
+
+    /// The same field with a bit for each direction, for distant instances (§4): no ray is traced for it.
+    #[must_use]
+    pub fn with_bits(&self) -> Self {
+        let params = FieldParams {
+            storage: Storage::Bit,
+            ..self.params
+        };
+        let distances = self.distances();
+        let samples = Samples::of(distances, Storage::Bit, params.cells(), &params.cosines());
+        Self {
+            params,
+            samples,
+            ..self.clone()
+        }
+    }
+
+    /// The distances of all cells, map after map, in radii; infinite where nothing is hit.
+    pub(crate) fn distances(&self) -> Vec<f32> {
+        use super::samples::{Store, with_store};
+        let (cells, cosines) = (self.params.cells(), self.params.cosines());
+        let all = (0..self.points.len())
+            .flat_map(|position| (0..cells).map(move |cell| (position, cell)));
+        with_store!(&self.samples, cells, store => {
+            all.map(|(position, cell)| store.distance(position, cell, cosines[cell])).collect()
+        })
+    }
+}
+
+impl FieldParams {
+    /// The cosine to the normal of each cell of a map; 0 where the mapping has no direction.
+    pub(crate) fn cosines(&self) -> Vec<f32> {
+        let direction = |cell| self.directions.of_cell(cell, self.resolution);
+        (0..self.cells())
+            .map(|cell| direction(cell).map_or(0.0, |direction| direction.z))
+            .collect()
+    }
+}
+
+/// The hash of a mesh's corners.
+pub(crate) fn mesh_key(mesh: &Mesh) -> [u64; 2] {
+    let mut hasher = SipHasher13::new();
+    for triangle in 0..mesh.triangles.len() {
+        hasher.write(bytemuck::cast_slice(&mesh.corners(triangle)));
+    }
+    let hash = hasher.finish128();
+    [hash.h1, hash.h2]
+}
+
+/// The points of an arrangement, once for all fields that live.
+fn points(positions: Positions) -> Arc<[Vec3]> {
+    static TABLES: LazyLock<Mutex<HashMap<String, Weak<[Vec3]>>>> = LazyLock::new(Mutex::default);
+    let mut tables = TABLES.lock().unwrap_or_else(PoisonError::into_inner);
+    let key = format!("{positions:?}");
+    if let Some(points) = tables.get(&key).and_then(Weak::upgrade) {
+        return points;
+    }
+    let points: Arc<[Vec3]> = (0..positions.count())
+        .map(|index| positions.point(index))
+        .collect();
+    tables.retain(|_, points| points.strong_count() > 0);
+    tables.insert(key, Arc::downgrade(&points));
+    points
+}

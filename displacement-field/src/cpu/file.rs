@@ -1,0 +1,371 @@
+//! Fields in files, so that they are built once; coded without loss.
+//!
+//! ```text
+//! header    112 bytes: what it is, its version, how it was sampled, the sphere, of which mesh, how long the rest is
+//! samples   each predicted from those left of it, above it and beside that, and what is left of it deflated
+//! checksum  16 bytes: SipHash-1-3 of all before
+//! ```
+//!
+//! A file is only read after its length and checksum have been found right.
+
+use std::{
+    fs::File,
+    hash::Hasher,
+    io::{Read, Write},
+    path::Path,
+};
+
+use bytemuck::{Pod, Zeroable};
+use flate2::{Compression, read::ZlibDecoder, write::ZlibEncoder};
+use glam::Vec3;
+use isophote_scene::write_atomically;
+use siphasher::sip128::{Hasher128, SipHasher13};
+
+use super::{
+    field::Field,
+    samples::{Bits, Samples},
+};
+use crate::{Directions, Error, FieldParams, Positions, Result, Sphere, Storage};
+
+const MAGIC: [u8; 8] = *b"ISOPHDFI";
+const VERSION: u32 = 1;
+/// Reads differently where bytes lie the other way round.
+const BYTE_ORDER: u32 = 0x0102_0304;
+const CHECKSUM: usize = 16;
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct Header {
+    magic: [u8; 8],
+    version: u32,
+    byte_order: u32,
+    positions: [u32; 3],
+    directions: u32,
+    resolution: u32,
+    bits: u32,
+    center: [f32; 3],
+    radius: f32,
+    mesh: [u64; 2],
+    /// Bytes of the coded samples.
+    coded: u64,
+    reserved: [u64; 4],
+}
+
+impl Field {
+    /// Writes the field into a file, whole or not at all. Returns how many bytes that took.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] when the file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<u64> {
+        let io = |source| isophote_scene::Error::Io {
+            path: path.to_owned(),
+            source,
+        };
+        let coded = self.coded().map_err(io)?;
+        let header = self.header(coded.len() as u64);
+        let parts = [bytemuck::bytes_of(&header), &coded];
+        write_atomically(path, |writer| {
+            let mut hasher = SipHasher13::new();
+            for part in parts {
+                hasher.write(part);
+                writer.write_all(part).map_err(io)?;
+            }
+            let sum = hasher.finish128().as_bytes();
+            writer.write_all(&sum).map_err(io)
+        })?;
+        Ok((size_of::<Header>() + coded.len() + CHECKSUM) as u64)
+    }
+
+    /// Reads a field that was [saved](Self::save). Whether it is of a mesh is told by [`is_of`](Self::is_of).
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the file cannot be read, [`Error::Damaged`] when it is no file of a field or not as it was
+    /// written, [`Error::Foreign`] when it is of another version, [`Error::TooLarge`] above `max_bytes`.
+    pub fn load(path: &Path, max_bytes: u64) -> Result<Self> {
+        let bytes = read(path)?;
+        let (start, rest) = bytes.split_at(size_of::<Header>());
+        let header: Header = bytemuck::pod_read_unaligned(start);
+        let params = header.params(path, max_bytes)?;
+        let sphere = Sphere {
+            center: Vec3::from_array(header.center),
+            radius: header.radius,
+        };
+        if !(sphere.center.is_finite() && sphere.radius > 0.0 && sphere.radius.is_finite()) {
+            return Err(damaged(path, "its sphere has no extent"));
+        }
+        let coded = &rest[..rest.len() - CHECKSUM];
+        let samples = decoded(coded, &params).map_err(|reason| damaged(path, reason))?;
+        Ok(Self::new(params, sphere, header.mesh, samples))
+    }
+
+    /// Bytes of the samples when coded, as a file has them.
+    ///
+    /// # Errors
+    /// [`Error::Io`] as the library that codes says.
+    pub fn coded_bytes(&self) -> Result<usize> {
+        let coded = self.coded().map_err(|source| Error::Io {
+            path: "memory".into(),
+            source,
+        })?;
+        Ok(coded.len())
+    }
+
+    fn header(&self, coded: u64) -> Header {
+        let params = &self.params;
+        Header {
+            magic: MAGIC,
+            version: VERSION,
+            byte_order: BYTE_ORDER,
+            positions: match params.positions {
+                Positions::Slater { rings } => [0, rings, 0],
+                Positions::Spherical { rows, columns } => [1, rows, columns],
+                Positions::Octahedral { side } => [2, side, 0],
+            },
+            directions: params.directions as u32,
+            resolution: params.resolution,
+            bits: params.storage.bits(),
+            center: self.sphere.center.to_array(),
+            radius: self.sphere.radius,
+            mesh: self.mesh_key,
+            coded,
+            reserved: [0; 4],
+        }
+    }
+
+    /// The samples, predicted and deflated.
+    fn coded(&self) -> std::io::Result<Vec<u8>> {
+        let side = self.params.resolution as usize;
+        let mut encoder = ZlibEncoder::new(Vec::new(), Compression::new(6));
+        match &self.samples {
+            Samples::Byte(samples) => encoder.write_all(&residuals(samples, side))?,
+            Samples::Word(samples) => encoder.write_all(&planes(&residuals(samples, side)))?,
+            Samples::Float(samples) => {
+                encoder.write_all(&planes(&residuals(
+                    bytemuck::cast_slice::<_, u32>(samples),
+                    side,
+                )))?;
+            }
+            Samples::Bit(bits) => {
+                encoder.write_all(bytemuck::cast_slice(&bits.words))?;
+                encoder.write_all(bytemuck::cast_slice(&bits.depths))?;
+            }
+        }
+        encoder.finish()
+    }
+}
+
+/// Codes of distances: what predictions are made of.
+trait Code: Pod {
+    fn plus(self, other: Self) -> Self;
+    fn minus(self, other: Self) -> Self;
+    /// From those to the left, above, and above that to the left: the plane through them, kept within their range (as in
+    /// M. Weinberger et al., "The LOCO-I lossless image compression algorithm", 2000).
+    fn predict(left: Self, above: Self, corner: Self) -> Self;
+}
+
+macro_rules! code {
+    ($($type:ty)*) => {$(
+        impl Code for $type {
+            fn plus(self, other: Self) -> Self {
+                self.wrapping_add(other)
+            }
+            fn minus(self, other: Self) -> Self {
+                self.wrapping_sub(other)
+            }
+            fn predict(left: Self, above: Self, corner: Self) -> Self {
+                let (least, most) = (left.min(above), left.max(above));
+                if corner >= most {
+                    least
+                } else if corner <= least {
+                    most
+                } else {
+                    left.wrapping_add(above).wrapping_sub(corner)
+                }
+            }
+        }
+    )*};
+}
+code!(u8 u16 u32);
+
+/// The prediction of a sample from those before it in its map.
+#[inline]
+fn prediction<T: Code>(map: &[T], index: usize, side: usize) -> T {
+    match (index % side, index / side) {
+        (0, 0) => T::zeroed(),
+        (0, _) => map[index - side],
+        (_, 0) => map[index - 1],
+        _ => T::predict(map[index - 1], map[index - side], map[index - side - 1]),
+    }
+}
+
+fn residuals<T: Code>(samples: &[T], side: usize) -> Vec<T> {
+    let maps = samples.chunks_exact(side * side);
+    let of_map = |map| (0..side * side).map(move |index| (map, index));
+    maps.flat_map(of_map)
+        .map(|(map, index): (&[T], usize)| map[index].minus(prediction(map, index, side)))
+        .collect()
+}
+
+/// The inverse of [`residuals`].
+fn restore<T: Code>(samples: &mut [T], side: usize) {
+    for map in samples.chunks_exact_mut(side * side) {
+        for index in 0..side * side {
+            map[index] = map[index].plus(prediction(map, index, side));
+        }
+    }
+}
+
+/// All first bytes, then all second bytes, and so on: bytes of one kind are alike.
+fn planes<T: Pod>(values: &[T]) -> Vec<u8> {
+    let bytes: &[u8] = bytemuck::cast_slice(values);
+    let size = size_of::<T>();
+    (0..size)
+        .flat_map(|plane| bytes[plane..].iter().step_by(size).copied())
+        .collect()
+}
+
+/// The inverse of [`planes`].
+fn from_planes<T: Pod>(planes: &[u8]) -> Vec<T> {
+    let size = size_of::<T>();
+    let count = planes.len() / size;
+    let mut values = vec![T::zeroed(); count];
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut values);
+    for (plane, part) in planes.chunks_exact(count.max(1)).enumerate() {
+        for (index, byte) in part.iter().enumerate() {
+            bytes[index * size + plane] = *byte;
+        }
+    }
+    values
+}
+
+/// The samples of a file whose header is known to be right.
+fn decoded(coded: &[u8], params: &FieldParams) -> Result<Samples, &'static str> {
+    const LENGTH: &str = "its samples are not as many as its header says";
+    let length = params.bytes();
+    // One byte more than there should be, to find what is too long.
+    let mut bytes = Vec::new();
+    ZlibDecoder::new(coded)
+        .take(length + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|_| "its samples cannot be decoded")?;
+    if bytes.len() as u64 != length {
+        return Err(LENGTH);
+    }
+    let side = params.resolution as usize;
+    Ok(match params.storage {
+        Storage::Byte => {
+            restore(&mut bytes, side);
+            Samples::Byte(bytes)
+        }
+        Storage::Word => {
+            let mut samples: Vec<u16> = from_planes(&bytes);
+            restore(&mut samples, side);
+            Samples::Word(samples)
+        }
+        Storage::Float => {
+            let mut samples: Vec<u32> = from_planes(&bytes);
+            restore(&mut samples, side);
+            let samples: Vec<f32> = samples.into_iter().map(f32::from_bits).collect();
+            // A NaN would be taken for a miss; nothing writes one.
+            if !samples
+                .iter()
+                .all(|&value| value >= 0.0 && (value <= 2.0 || value.is_infinite()))
+            {
+                return Err("a distance is out of its range");
+            }
+            Samples::Float(samples)
+        }
+        Storage::Bit => {
+            let depths = 4 * params.positions.count();
+            let (words, depths) = bytes.split_at(bytes.len() - depths);
+            let bits = Bits {
+                words: bytemuck::pod_collect_to_vec(words),
+                depths: bytemuck::pod_collect_to_vec(depths),
+            };
+            if !bits.depths.iter().all(|depth| (0.0..=2.0).contains(depth)) {
+                return Err("a depth is out of its range");
+            }
+            Samples::Bit(bits)
+        }
+    })
+}
+
+/// The whole file, its beginning, length and checksum found right.
+fn read(path: &Path) -> Result<Vec<u8>> {
+    let fail = |source| Error::Io {
+        path: path.to_owned(),
+        source,
+    };
+    let mut file = File::open(path).map_err(fail)?;
+    let length = file.metadata().map_err(fail)?.len();
+    let mut start = [0; size_of::<Header>()];
+    file.read_exact(&mut start)
+        .map_err(|_| damaged(path, "it is too short to hold a field"))?;
+    let header: Header = bytemuck::pod_read_unaligned(&start);
+    if header.magic != MAGIC {
+        return Err(damaged(path, "it is no file of a displacement field"));
+    }
+    if header.version != VERSION || header.byte_order != BYTE_ORDER {
+        return Err(Error::Foreign {
+            path: path.to_owned(),
+            reason: "the field was saved by another version or on another kind of processor".into(),
+        });
+    }
+    // Only what is there is read, whatever the header says.
+    let expected = header
+        .coded
+        .checked_add((size_of::<Header>() + CHECKSUM) as u64);
+    if expected != Some(length) {
+        return Err(damaged(
+            path,
+            "it is not as long as its header says: it was cut off, or something was added",
+        ));
+    }
+    let mut bytes = start.to_vec();
+    file.take(length).read_to_end(&mut bytes).map_err(fail)?;
+    if bytes.len() as u64 != length {
+        return Err(damaged(path, "it changed while it was read"));
+    }
+    let (content, sum) = bytes.split_at(bytes.len() - CHECKSUM);
+    let mut hasher = SipHasher13::new();
+    hasher.write(content);
+    if hasher.finish128().as_bytes() != *sum {
+        return Err(damaged(path, "its checksum is wrong"));
+    }
+    Ok(bytes)
+}
+
+impl Header {
+    fn params(&self, path: &Path, max_bytes: u64) -> Result<FieldParams> {
+        let wrong = || damaged(path, "its header holds parameters out of their range");
+        let positions = match self.positions {
+            [0, rings, 0] => Positions::Slater { rings },
+            [1, rows, columns] => Positions::Spherical { rows, columns },
+            [2, side, 0] => Positions::Octahedral { side },
+            _ => return Err(wrong()),
+        };
+        let directions = Directions::ALL.get(self.directions as usize);
+        let storage = Storage::ALL
+            .into_iter()
+            .find(|storage| storage.bits() == self.bits);
+        let params = FieldParams {
+            positions,
+            directions: *directions.ok_or_else(wrong)?,
+            resolution: self.resolution,
+            storage: storage.ok_or_else(wrong)?,
+            max_bytes,
+        };
+        match params.check() {
+            Err(Error::TooLarge { bytes, limit }) => Err(Error::TooLarge { bytes, limit }),
+            Err(_) => Err(wrong()),
+            Ok(()) => Ok(params),
+        }
+    }
+}
+
+fn damaged(path: &Path, reason: &str) -> Error {
+    Error::Damaged {
+        path: path.to_owned(),
+        reason: reason.into(),
+    }
+}

@@ -1,0 +1,45 @@
+//! How far away the closest surface is: the other query that §1 mentions, for collision detection.
+
+use glam::Vec3;
+
+use super::{
+    field::Field,
+    samples::{Store, with_store},
+};
+use crate::math::tangents;
+
+impl Field {
+    /// The distance from a point to the closest sample that is seen from the positions next to it, in the field's space,
+    /// where the sphere is the unit sphere; `None` where they see none. Constant time: three maps are read, and six more,
+    /// along the axes, for points within the sphere, which may be surrounded by the object.
+    ///
+    /// Too far by about half the distance between samples, or where none of the positions sees the closest surface.
+    pub fn closest(&self, point: Vec3) -> Option<f32> {
+        let outward = point.try_normalize().unwrap_or(Vec3::Z);
+        let params = &self.params;
+        let resolution = params.resolution;
+        let mut best = f32::INFINITY;
+        with_store!(&self.samples, params.cells(), store => {
+            let near = params.positions.around(outward).map(|(site, _)| site);
+            let axes = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| [axis, -axis]);
+            let inside = point.length_squared() < 1.0;
+            let axes = axes.iter().flatten().filter(|_| inside);
+            for site in near.into_iter().chain(axes.map(|&axis| params.positions.nearest(axis))) {
+                let from = self.points[site as usize];
+                let (x_axis, y_axis) = tangents(-from);
+                for cell in 0..params.cells() {
+                    let Some(local) = params.directions.of_cell(cell, resolution) else {
+                        continue;
+                    };
+                    let distance = store.distance(site as usize, cell, local.z);
+                    if distance.is_finite() {
+                        let direction = x_axis * local.x + y_axis * local.y - from * local.z;
+                        let hit = from + distance * direction;
+                        best = best.min(hit.distance_squared(point));
+                    }
+                }
+            }
+        });
+        best.is_finite().then(|| best.sqrt())
+    }
+}

@@ -1,0 +1,157 @@
+//! Stage 2: the directions of a hemisphere in a square map, and the place in the map of a direction (§3.4).
+
+use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
+
+use glam::{Vec2, Vec3};
+use isophote_scene::sample::cosine_hemisphere;
+
+use crate::math::{quarter, whole};
+
+/// How the directions around +z lie in the unit square.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Directions {
+    /// Equal steps of both angles: crowded around +z ("uniform" in the paper's figures).
+    Polar,
+    /// A disk within the square, lifted to the hemisphere (Malley): the square's corners, 21.5 % of it, are not used.
+    Rejection,
+    /// The square bent into the disk, squares to circles (Shirley and Chiu), lifted to the hemisphere (Malley).
+    Concentric,
+}
+
+impl Directions {
+    /// Every mapping.
+    pub const ALL: [Self; 3] = [Self::Polar, Self::Rejection, Self::Concentric];
+
+    /// The unit direction, z ≥ 0, of a place in 0..=1 squared; `None` where the mapping has none.
+    pub fn direction(self, place: Vec2) -> Option<Vec3> {
+        match self {
+            Self::Polar => {
+                let (sine, cosine) = (FRAC_PI_2 * place.x).sin_cos();
+                Some((sine * Vec2::from_angle(TAU * place.y)).extend(cosine.max(0.0)))
+            }
+            Self::Rejection => {
+                let disk = 2.0 * place - 1.0;
+                let height = 1.0 - disk.length_squared();
+                (height >= 0.0).then(|| disk.extend(height.sqrt()))
+            }
+            Self::Concentric => Some(cosine_hemisphere(place)),
+        }
+    }
+
+    /// The place of a unit direction with z ≥ 0: the inverse of [`direction`](Self::direction).
+    pub fn place(self, direction: Vec3) -> Vec2 {
+        match self {
+            Self::Polar => {
+                let polar = direction.truncate().length().atan2(direction.z) / FRAC_PI_2;
+                let around = direction.y.atan2(direction.x) / TAU;
+                let around = if around < 0.0 { around + 1.0 } else { around };
+                Vec2::new(polar.min(1.0), around)
+            }
+            Self::Rejection => 0.5 * (direction.truncate() + 1.0),
+            Self::Concentric => {
+                let (x, y) = concentric(direction.x, direction.y);
+                Vec2::new(x, y)
+            }
+        }
+    }
+
+    /// The density of directions over solid angle when places are uniform in the square, those without a direction left
+    /// out; 1/sr.
+    pub fn density(self, direction: Vec3) -> f32 {
+        match self {
+            Self::Polar => {
+                let sine = direction.truncate().length();
+                1.0 / (FRAC_PI_2 * TAU * sine.max(1e-6))
+            }
+            Self::Rejection | Self::Concentric => direction.z.max(0.0) / PI,
+        }
+    }
+
+    /// Four cells around the place of a unit direction with z ≥ 0 and their weights, which sum to 1 and change continuously
+    /// with it.
+    pub(crate) fn around(self, direction: Vec3, resolution: i32) -> ([i32; 4], [f32; 4]) {
+        let place = self.place(direction);
+        if self != Self::Polar {
+            return corners_at(place.x, place.y, resolution);
+        }
+        // The second angle goes around.
+        let (mut cells, weights) = corners_at(place.x, place.y, resolution);
+        let row = (place.y * resolution as f32 + 0.5) as i32;
+        for (index, cell) in cells.iter_mut().enumerate() {
+            let wrapped = (row - 1 + index as i32 / 2).rem_euclid(resolution);
+            *cell = wrapped * resolution + *cell % resolution;
+        }
+        (cells, weights)
+    }
+
+    /// The unit direction of a map's cell; `None` where the mapping has none.
+    pub(crate) fn of_cell(self, cell: usize, resolution: u32) -> Option<Vec3> {
+        let resolution = resolution as usize;
+        let corner = Vec2::new((cell % resolution) as f32, (cell / resolution) as f32);
+        self.direction((corner + 0.5) / resolution as f32)
+    }
+
+    /// The cell of a map that a unit direction with z ≥ 0 lies in.
+    pub fn cell(self, direction: Vec3, resolution: u32) -> u32 {
+        let place = self.place(direction);
+        cell_at(place.x, place.y, resolution as i32) as u32
+    }
+}
+
+/// The cell that a place lies in.
+#[inline(always)]
+pub(crate) fn cell_at(x: f32, y: f32, resolution: i32) -> i32 {
+    let scale = resolution as f32;
+    let x = whole(x * scale).min(resolution - 1);
+    let y = whole(y * scale).min(resolution - 1);
+    y * resolution + x
+}
+
+/// Four cells around a place, and their weights; beyond the square's edge the cell at it.
+#[inline(always)]
+pub(crate) fn corners_at(x: f32, y: f32, resolution: i32) -> ([i32; 4], [f32; 4]) {
+    let scale = resolution as f32;
+    // From 1 on, so that the conversion rounds down.
+    let (x, y) = (x * scale + 0.5, y * scale + 0.5);
+    let (column, row) = (whole(x), whole(y));
+    let (right, down) = (x - column as f32, y - row as f32);
+    let inside = |index: i32| (index - 1).max(0).min(resolution - 1);
+    let (left, right_of) = (inside(column), inside(column + 1));
+    let (above, below) = (inside(row) * resolution, inside(row + 1) * resolution);
+    (
+        [
+            above + left,
+            above + right_of,
+            below + left,
+            below + right_of,
+        ],
+        [
+            (1.0 - right) * (1.0 - down),
+            right * (1.0 - down),
+            (1.0 - right) * down,
+            right * down,
+        ],
+    )
+}
+
+/// The inverse of [`concentric_disk`](isophote_scene::sample::concentric_disk).
+#[inline(always)]
+pub(crate) fn concentric(x: f32, y: f32) -> (f32, f32) {
+    let (width, height) = (x.abs(), y.abs());
+    let radius = (x * x + y * y).sqrt().min(1.0);
+    // 0 on the x axis, 1 on the diagonal, 2 on the y axis.
+    let turn = 2.0 * quarter(width, height);
+    let (a, b) = (radius * (2.0 - turn).min(1.0), radius * turn.min(1.0));
+    (0.5 + 0.5 * a.copysign(x), 0.5 + 0.5 * b.copysign(y))
+}
+
+/// Half the angle that a map's cells span, where they are the largest, radians: how far off a direction may be.
+pub(crate) fn reach(directions: Directions, resolution: u32) -> f32 {
+    let step = match directions {
+        // Along the circle at the horizon, and half as far across.
+        Directions::Polar => TAU,
+        Directions::Rejection => 2.0,
+        Directions::Concentric => 2.0 * FRAC_PI_4 + 0.6,
+    };
+    (0.75 * step / resolution as f32).min(PI)
+}
