@@ -11,7 +11,7 @@
 use glam::{Vec2, Vec3};
 
 /// The second coefficient of atan(p) · 4/π ≈ p · (1 + BEND − BEND · |p|); off by less than 0.005.
-const BEND: f32 = 0.3476;
+pub(crate) const BEND: f32 = 0.3476;
 
 /// The grid of directions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,6 +29,12 @@ impl Directions {
     /// A k × k grid on each face of the cube.
     pub const fn new(cells: u32) -> Self {
         Self { cells }
+    }
+
+    /// k, on a side of a face.
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) const fn cells(self) -> u32 {
+        self.cells
     }
 
     /// Number of directions, 6k².

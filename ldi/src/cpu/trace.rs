@@ -24,8 +24,8 @@ use isophote_scene::{
 use self::{
     kernel::{Kernel, Narrow, Portable, Scan, Wide},
     meet::{Found, Meet, Planes, Question, Triangles},
-    order::{Numbered, by_map},
-    path::Path,
+    order::Sorted,
+    path::{Entrance, Path},
 };
 use super::{
     build::build,
@@ -145,48 +145,67 @@ impl LdiTracer {
     /// The map for a ray and its way through it.
     #[inline(always)]
     fn way(&self, ray: &Ray) -> Option<Way> {
-        if !ray.is_valid() {
-            return None;
-        }
         let map = self.directions.nearest(ray.direction);
-        let sides = [self.maps.resolution, self.depth_steps];
-        let axis = self.directions.axis(map);
-        let path = Path::new(&self.maps.frames[map], axis, sides, ray)?;
+        let path = Path::new(&self.entrance(map), ray)?;
         Some(Way { map, path })
     }
 
-    /// Answers rays of one map.
     #[inline(always)]
-    fn trace_sorted<const ANY: bool, K: Kernel, T>(
+    fn entrance(&self, map: usize) -> Entrance<'_> {
+        Entrance {
+            frame: &self.maps.frames[map],
+            axis: self.directions.axis(map),
+            sides: [self.maps.resolution, self.depth_steps],
+        }
+    }
+
+    /// Answers rays in the order of their ways, so that what they share is in the cache.
+    #[inline(always)]
+    fn trace_batch<const ANY: bool, K: Kernel, T>(
         &self,
         kernel: K,
-        rays: &[Numbered],
+        rays: &[Ray],
         answers: &mut [T],
         answer: fn(&Found) -> T,
     ) {
-        for (index, Numbered { ray, number }) in rays.iter().enumerate() {
-            // Answers lie far apart; a few rays ahead there is time to fetch their place.
-            if let Some(later) = rays.get(index + AHEAD) {
-                kernel.fetch(&raw const answers[later.number as usize]);
+        let sorted = Sorted::by_map(kernel, rays, self.directions);
+        for (map, range) in sorted.maps() {
+            let entrance = self.entrance(map);
+            for first in range.clone().step_by(4) {
+                let four = &sorted.rays[first..range.end.min(first + 4)];
+                let paths = match four {
+                    [a, b, c, d] => kernel.paths(&entrance, [&a.ray, &b.ray, &c.ray, &d.ray]),
+                    few => [0, 1, 2, 3]
+                        .map(|lane| few.get(lane).and_then(|one| Path::new(&entrance, &one.ray))),
+                };
+                for ((lane, one), path) in four.iter().enumerate().zip(paths) {
+                    // Answers lie far apart; a few rays ahead there is time to fetch their place.
+                    if let Some(later) = sorted.rays.get(first + lane + AHEAD) {
+                        kernel.fetch(&raw const answers[later.number as usize]);
+                    }
+                    let found = match path {
+                        Some(path) => {
+                            let way = Way { map, path };
+                            self.trace_with::<ANY, K>(kernel, &one.ray, SurfaceId::UNKNOWN, &way)
+                        }
+                        None => Found::nothing(0.0),
+                    };
+                    answers[one.number as usize] = answer(&found);
+                }
             }
-            let found = match self.way(ray) {
-                Some(way) => self.trace_with::<ANY, K>(kernel, ray, SurfaceId::UNKNOWN, &way),
-                None => Found::nothing(0.0),
-            };
-            answers[*number as usize] = answer(&found);
         }
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt")]
-    fn trace_sorted_avx2<const ANY: bool, T>(
+    fn trace_batch_avx2<const ANY: bool, T>(
         &self,
         avx2: kernel::Avx2,
-        rays: &[Numbered],
+        rays: &[Ray],
         answers: &mut [T],
         answer: fn(&Found) -> T,
     ) {
-        self.trace_sorted::<ANY, _, T>(avx2, rays, answers, answer);
+        self.trace_batch::<ANY, _, T>(avx2, rays, answers, answer);
     }
 
     #[inline(always)]
@@ -255,7 +274,6 @@ impl LdiTracer {
         self.trace_with::<ANY, _>(avx2, ray, start, way)
     }
 
-    /// Rays in the order of their ways, so that what they share is in the cache.
     fn trace_all<const ANY: bool, T>(
         &self,
         rays: &[Ray],
@@ -264,17 +282,16 @@ impl LdiTracer {
     ) {
         assert_eq!(rays.len(), answers.len(), "one answer per ray");
         for (rays, answers) in rays.chunks(BATCH).zip(answers.chunks_mut(BATCH)) {
-            let sorted = by_map(rays, self.directions);
             #[cfg(target_arch = "x86_64")]
             if let Some(avx2) = self.avx2 {
                 #[expect(unsafe_code, reason = "SIMD instructions")]
                 // SAFETY: the token proves that the instructions exist.
                 unsafe {
-                    self.trace_sorted_avx2::<ANY, T>(avx2, &sorted, answers, answer);
+                    self.trace_batch_avx2::<ANY, T>(avx2, rays, answers, answer);
                 }
                 continue;
             }
-            self.trace_sorted::<ANY, _, T>(Portable, &sorted, answers, answer);
+            self.trace_batch::<ANY, _, T>(Portable, rays, answers, answer);
         }
     }
 }

@@ -1,5 +1,5 @@
-//! What takes the time, many at once, for the instruction sets there are: which layers a ray may meet in a pixel, and
-//! which triangles of a block. All give the same bits.
+//! What takes the time, many at once, for the instruction sets there are: the maps of eight rays and the ways of four
+//! through theirs, which layers a ray may meet in a pixel, and which triangles of a block. All give the same bits.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -7,9 +7,13 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 pub(crate) use avx2::Avx2;
 
-use isophote_scene::Shear;
+use isophote_scene::{Ray, Shear};
 
-use crate::cpu::maps::{Block, LANES, Layers, PADDING, Packing};
+use super::path::{Entrance, Path};
+use crate::{
+    Directions,
+    cpu::maps::{Block, LANES, Layers, PADDING, Packing},
+};
 
 /// An instruction set's way to do the tests.
 pub(crate) trait Kernel: Copy {
@@ -17,6 +21,18 @@ pub(crate) trait Kernel: Copy {
     type Triangles: Copy;
 
     fn triangles(self, shear: &Shear) -> Self::Triangles;
+
+    /// The maps for eight rays.
+    #[inline(always)]
+    fn nearest(self, directions: Directions, rays: &[Ray; 8]) -> [u16; 8] {
+        rays.map(|ray| directions.nearest(ray.direction) as u16)
+    }
+
+    /// The ways of four rays through their map.
+    #[inline(always)]
+    fn paths(self, map: &Entrance<'_>, rays: [&Ray; 4]) -> [Option<Path>; 4] {
+        rays.map(|ray| Path::new(map, ray))
+    }
 
     /// Brings the place of an answer into the cache.
     #[inline(always)]
@@ -149,8 +165,84 @@ impl Scan for Wide {
 
 #[cfg(test)]
 mod tests {
+    #[cfg(target_arch = "x86_64")]
+    use glam::Vec3;
+    #[cfg(target_arch = "x86_64")]
+    use isophote_scene::sample::{Sampler, uniform_sphere};
+
     use super::*;
+    #[cfg(target_arch = "x86_64")]
+    use crate::cpu::maps::Frame;
     use crate::cpu::maps::Layer;
+
+    /// Rays of all kinds: some with axes' directions, some that are no rays, some that pass the map.
+    #[cfg(target_arch = "x86_64")]
+    fn rays() -> Vec<Ray> {
+        let ray = |index: u32| {
+            let sampler = Sampler::new(3, 0, index);
+            let mut direction = uniform_sphere(sampler.get_2d(0));
+            match index % 7 {
+                0 => direction[index as usize / 7 % 3] = 0.0,
+                1 => direction = [Vec3::X, Vec3::NEG_Y, Vec3::Z][index as usize / 7 % 3],
+                2 => direction *= 1e-3,
+                _ => {}
+            }
+            let place = sampler.get_2d(1).extend(sampler.get_1d(2));
+            let mut ray = Ray::new(8.0 * place - 4.0, direction);
+            match index % 5 {
+                0 => (ray.t_min, ray.t_max) = (0.5, 1.0 + 3.0 * place.x),
+                1 if index.is_multiple_of(11) => ray.direction = Vec3::ZERO,
+                1 if index.is_multiple_of(13) => ray.origin.y = f32::NAN,
+                _ => {}
+            }
+            ray
+        };
+        (0..4096).map(ray).collect()
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[test]
+    fn all_kernels_start_rays_alike() {
+        let Some(avx2) = Avx2::detect() else {
+            return;
+        };
+        let rays = rays();
+        for cells in [1, 2, 4, 5, 64] {
+            let directions = Directions::new(cells);
+            for rays in rays.as_chunks::<8>().0 {
+                let pairs = avx2.nearest(directions, rays).into_iter();
+                for ((found, expected), ray) in
+                    pairs.zip(Portable.nearest(directions, rays)).zip(rays)
+                {
+                    assert!(usize::from(found) < directions.maps());
+                    assert!(found == expected || !ray.is_valid(), "{ray:?}");
+                }
+            }
+            let mut touching = 0;
+            for map in 0..directions.maps().min(12) {
+                let frame = Frame {
+                    slope: directions.slope(map).to_array(),
+                    low: [-2.5, -2.25, -1.9],
+                    scale: [25.0, 31.0, 63.0],
+                };
+                let entrance = Entrance {
+                    frame: &frame,
+                    axis: directions.axis(map),
+                    sides: [128, 256],
+                };
+                // A map is only for rays of its directions.
+                let own = |ray: &&Ray| directions.nearest(ray.direction) == map;
+                let own: Vec<Ray> = rays.iter().filter(own).copied().collect();
+                for rays in own.as_chunks::<4>().0 {
+                    let rays = rays.each_ref();
+                    let found = avx2.paths(&entrance, rays);
+                    assert_eq!(found, Portable.paths(&entrance, rays), "{rays:?}");
+                    touching += found.iter().flatten().count();
+                }
+            }
+            assert!(cells > 5 || touching > 50, "{touching}");
+        }
+    }
 
     /// Of every packing, every way to look at layers finds the same.
     #[test]

@@ -9,28 +9,38 @@ use isophote_scene::Ray;
 use crate::cpu::maps::{Frame, pixel_index};
 
 /// A slope that stands for 0, so that its inverse is a number.
-const LEAST_SLOPE: f64 = 1e-18;
+pub(super) const LEAST_SLOPE: f64 = 1e-18;
+
+/// A map as rays enter it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Entrance<'a> {
+    pub(crate) frame: &'a Frame,
+    /// That of its depth.
+    pub(crate) axis: usize,
+    /// Pixels on a side, and steps of the depth.
+    pub(crate) sides: [u32; 2],
+}
 
 /// The ray in the map's picture.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Path {
     /// Pixels at τ = 0, inside the map.
-    start: Vec2,
+    pub(super) start: Vec2,
     /// 1 / pixels per τ.
-    inverse: Vec2,
+    pub(super) inverse: Vec2,
     /// Depth at τ = 0, in steps.
-    depth: f32,
+    pub(super) depth: f32,
     /// 1 or −1: whether the depth grows with τ.
     pub(crate) sign: f32,
     /// τ at the end of the ray or of the map.
     pub(crate) end: f32,
     /// τ of a point at t is `t · speed − offset`.
-    speed: f64,
-    offset: f64,
+    pub(super) speed: f64,
+    pub(super) offset: f64,
     /// The last pixel of a row.
-    last: i32,
+    pub(super) last: i32,
     /// The last depth step.
-    last_depth: f32,
+    pub(super) last_depth: f32,
 }
 
 /// The minimum as one instruction has it: `b` where one is no number.
@@ -53,14 +63,17 @@ pub(crate) struct Crossing {
 }
 
 impl Path {
-    /// None where the ray does not touch the map.
+    /// None where the ray does not touch the map, or is none.
     #[inline(always)]
-    pub(crate) fn new(
-        frame: &Frame,
-        axis: usize,
-        [resolution, depth_steps]: [u32; 2],
-        ray: &Ray,
-    ) -> Option<Self> {
+    pub(crate) fn new(map: &Entrance<'_>, ray: &Ray) -> Option<Self> {
+        if !ray.is_valid() {
+            return None;
+        }
+        let &Entrance {
+            frame,
+            axis,
+            sides: [resolution, depth_steps],
+        } = map;
         let place = frame.place(axis, ray.origin);
         let turn = frame.turn(axis, ray.direction);
         let speed = turn.z.abs();
