@@ -6,7 +6,8 @@
 //! | 2. what the camera sees | `isophote_scene::GBuffer` | `shaders/gbuffer.wesl` |
 //! | 3. direct light | `cpu/specular.rs` | `shaders/direct.wesl` |
 //! | 3. mirrors and glass | `cpu/specular.rs` | `shaders/specular.wesl` |
-//! | 4. indirect light | `cpu/indirect.rs` | `shaders/indirect.wesl` |
+//! | 4. indirect light | `cpu/{samples,indirect}.rs` | `shaders/indirect.wesl` |
+//! | 4. the filter `fill` | `cpu/fill.rs` | `shaders/fill.wesl` |
 //! | 5. samples become a picture | `cpu/filter.rs` | `gpu/filter.rs`, over `isophote-filters` |
 //!
 //! Paths, samples and rays are chosen as on the CPU, so that the pictures differ by rounding alone. Everything is made anew
@@ -43,7 +44,8 @@ use crate::{
 pub const SHADERS: ShaderPackage = shader_package!(
     "instant_gi",
     [
-        "compose", "direct", "emission", "gbuffer", "indirect", "params", "specular", "vpls",
+        "compose", "direct", "emission", "fill", "gbuffer", "indirect", "params", "specular",
+        "vpls",
     ]
 );
 
@@ -192,13 +194,6 @@ impl InstantGi {
         size: [u32; 2],
     ) -> Result<Self> {
         params.check()?;
-        if params.filter == crate::Filter::Fill {
-            return Err(crate::Error::Parameter {
-                name: "the filter on a GPU",
-                value: "fill".into(),
-                expected: "it must be edges or paper; gaps are filled on the CPU",
-            });
-        }
         check_size(size)?;
         let exact = world.exact.answers();
         exact.require(Answers::Surface, "igi", "the exact tracer")?;
@@ -368,11 +363,13 @@ impl InstantGi {
                 dispatches: &self.pieces.specular,
             });
         }
-        all.push(Work {
-            name: "indirect",
-            pass: &passes.indirect,
-            dispatches: &self.pieces.indirect,
-        });
+        for pass in [Some(&passes.indirect), passes.fill.as_ref()] {
+            all.extend(pass.map(|pass| Work {
+                name: "indirect",
+                pass,
+                dispatches: &self.pieces.indirect,
+            }));
+        }
         all
     }
 

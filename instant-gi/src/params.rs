@@ -57,7 +57,7 @@ pub enum Filter {
     #[default]
     Edges,
     /// Parts of the lights that no neighbouring sample on a sample's surface has are computed at the sample, so that every
-    /// sample has all light; then upsampling by normals and depths. On the CPU.
+    /// sample has all light; then upsampling by normals and depths.
     Fill,
 }
 
@@ -85,6 +85,11 @@ impl GiParams {
     /// Whether there is anything to compensate.
     pub(crate) fn compensates(&self) -> bool {
         self.compensation > 0 && self.min_d > 0.0
+    }
+
+    /// Whether samples compute the parts of the lights that they are not given.
+    pub(crate) fn fills(&self) -> bool {
+        self.filter == Filter::Fill && self.interleaving != [1, 1]
     }
 
     /// An error unless every parameter is in its range.

@@ -32,7 +32,7 @@ fn tracers(context: &Context, scene: &Arc<Scene>) -> Vec<Box<dyn GpuTracer>> {
 }
 
 /// The paper's settings, or everything else at once; with few lights where buffers are small.
-fn params(few: bool) -> [GiParams; 2] {
+fn params(few: bool) -> [GiParams; 3] {
     let paths = if few { 4 } else { 180 };
     let paper = GiParams {
         paths,
@@ -48,7 +48,11 @@ fn params(few: bool) -> [GiParams; 2] {
         interleaving: [2, 2],
         ..GiParams::default()
     };
-    [paper, other]
+    let filled = GiParams {
+        filter: Filter::Fill,
+        ..other
+    };
+    [paper, other, filled]
 }
 
 #[test]

@@ -58,6 +58,8 @@ pub(super) struct Passes {
     /// `None` where nothing mirrors or refracts.
     pub(super) specular: Option<Bound>,
     pub(super) indirect: Bound,
+    /// `None` where samples compute their own part of the lights alone.
+    pub(super) fill: Option<Bound>,
     pub(super) compose: Bound,
 }
 
@@ -78,7 +80,8 @@ impl Passes {
             .scene(world.gpu_scene)
             .tracer(world.exact)
             .secondary(world.secondary)
-            .feature("compensated", params.compensates());
+            .feature("compensated", params.compensates())
+            .feature("filled", params.fills());
         let groups = [
             world.exact.bind_group_layout(),
             world.gpu_scene.bind_group_layout(),
@@ -105,6 +108,10 @@ impl Passes {
                 false => None,
             },
             indirect: bound("indirect", "indirect", 3)?,
+            fill: match params.fills() {
+                true => Some(bound("fill", "fill", 3)?),
+                false => None,
+            },
             compose: bound("compose", "compose", 2)?,
         })
     }
@@ -122,6 +129,8 @@ pub(super) struct Targets {
     pub(super) hidden: wgpu::Texture,
     /// `None` where the samples are the picture.
     samples: Option<wgpu::Texture>,
+    /// Of each sample its part of the light, where the others are filled in.
+    parts: Option<wgpu::Texture>,
     pub(super) sample_normals: TextureView,
     pub(super) sample_depths: TextureView,
     /// The dispatches over all paths and all pixels.
@@ -163,6 +172,10 @@ impl Targets {
                 true => None,
                 false => Some(texture(context, "samples", grid, color)?),
             },
+            parts: match params.fills() {
+                true => Some(texture(context, "parts", grid, color)?),
+                false => None,
+            },
             sample_normals: guide("normals of samples", grid)?,
             sample_depths: guide("depths of samples", grid)?,
             paths: [Dispatch {
@@ -180,7 +193,9 @@ impl Targets {
     }
 
     /// By their bindings in the shaders.
-    fn views(&self, stages: &StageTextures) -> [(u32, TextureView); 15] {
+    fn views(&self, stages: &StageTextures) -> [(u32, TextureView); 19] {
+        let samples = self.samples(stages);
+        let own = whole(self.parts.as_ref().unwrap_or(samples));
         let [direct, specular, irradiance, indirect, picture] = [
             &stages.direct,
             &stages.specular,
@@ -195,7 +210,7 @@ impl Targets {
             (6, self.depths.clone()),
             (7, self.hits.clone()),
             (8, direct.clone()),
-            (10, whole(self.samples(stages))),
+            (10, own.clone()),
             (11, self.sample_normals.clone()),
             (12, self.sample_depths.clone()),
             (13, specular.clone()),
@@ -205,6 +220,10 @@ impl Targets {
             (17, irradiance),
             (18, indirect),
             (19, picture),
+            (20, own),
+            (21, self.sample_normals.clone()),
+            (22, self.sample_depths.clone()),
+            (23, whole(samples)),
         ]
     }
 }
