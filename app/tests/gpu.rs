@@ -236,6 +236,18 @@ fn the_technique_igi_renders_the_same_picture() {
         let error = compared["rel_rmse"].as_f64().unwrap();
         assert!(error < 5e-3, "{layer:?}: {compared}");
     }
+    // Through maps.
+    let maps = ["--tracer=ldi", "--ldi-cells=2", "--ldi-resolution=64"];
+    for device in ["cpu", "gpu"] {
+        let output = format!("maps_{device}.exr");
+        let device = format!("--device={device}");
+        json(
+            at,
+            &[&render[..], &maps, &[&device, "-o", &output]].concat(),
+        );
+    }
+    let compared = json(at, &["compare", "maps_gpu.exr", "maps_cpu.exr", "--json"]);
+    assert!(compared["rel_rmse"].as_f64().unwrap() < 0.02, "{compared}");
     // Imperfect visibility: the camera and direct light see triangles.
     let boxes = ["--tracer=compute-boxes", "-o", "boxes.exr"];
     json(at, &[&render[..], &boxes, &["--adapter", name]].concat());

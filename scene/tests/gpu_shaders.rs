@@ -106,6 +106,108 @@ const READ: ShaderPackage = ShaderPackage {
     )],
 };
 
+/// A tracer of another crate, of several modules.
+struct Foreign(ComputeBvhTracer);
+
+const FOREIGN: ShaderPackage = ShaderPackage {
+    name: "test_foreign",
+    modules: &[
+        (
+            "trace",
+            "import package::maps::first_word;
+            import scene::ray::{Hit, Ray, no_hit};
+            fn closest_hit(ray: Ray) -> Hit { return no_hit(); }
+            fn any_hit(ray: Ray) -> bool { return first_word() == 1u; }
+            fn tolerance(point: vec3f) -> f32 { return 0.0; }",
+        ),
+        (
+            "maps",
+            "@if(!tracer_in_textures) @group(1) @binding(0) var<storage, read> nodes: array<vec4u>;
+            @if(tracer_in_textures) @group(1) @binding(0) var nodes: texture_2d<u32>;
+            fn first_word() -> u32 {
+                @if(!tracer_in_textures) return nodes[0].x;
+                @if(tracer_in_textures) return textureLoad(nodes, vec2u(0u), 0).x;
+            }",
+        ),
+    ],
+};
+
+impl GpuTracer for Foreign {
+    fn name(&self) -> &'static str {
+        "foreign"
+    }
+
+    fn answers(&self) -> Answers {
+        Answers::Occlusion
+    }
+
+    fn module(&self) -> &'static str {
+        "test_foreign::trace"
+    }
+
+    fn packages(&self) -> &[ShaderPackage] {
+        &[FOREIGN]
+    }
+
+    fn shader_flags(&self) -> &[&'static str] {
+        self.0.shader_flags()
+    }
+
+    fn bind_group_layout(&self) -> &wgpu::BindGroupLayout {
+        self.0.bind_group_layout()
+    }
+
+    fn bind_group(&self) -> &wgpu::BindGroup {
+        self.0.bind_group()
+    }
+}
+
+const READ_TWO: ShaderPackage = ShaderPackage {
+    name: "test_read_two",
+    modules: &[(
+        "read",
+        "import scene::ray::Ray;
+        import tracer::any_hit;
+        import secondary::any_hit as any_hit_of_other;
+        @group(0) @binding(0) var<storage, read_write> found: array<u32>;
+        @compute @workgroup_size(1)
+        fn look() {
+            let ray = Ray(vec3f(0.0), 0.0, vec3f(1.0), 1.0);
+            found[0] = select(0u, 1u, any_hit(ray)) + select(0u, 2u, any_hit_of_other(ray));
+        }",
+    )],
+};
+
+/// A shader asks two tracers of any kinds at once, and binds no more than WebGPU promises.
+#[test]
+fn shaders_ask_two_tracers() {
+    let scene = triangles();
+    for context in contexts() {
+        let gpu_scene = GpuScene::new(&context, &scene).unwrap();
+        let selection = Selection::default();
+        let mut tracers = tracers(&context, &scene);
+        let walked = ComputeBvhTracer::build(&context, &scene, &selection, &()).unwrap();
+        tracers.push(Box::new(Foreign(walked)));
+        for first in &tracers {
+            for second in &tracers {
+                let groups = [
+                    first.bind_group_layout(),
+                    gpu_scene.bind_group_layout(),
+                    second.bind_group_layout(),
+                ];
+                Linker::default()
+                    .package(READ_TWO)
+                    .scene(&gpu_scene)
+                    .tracer(&**first)
+                    .secondary(&**second)
+                    .link("test_read_two::read")
+                    .and_then(|shader| shader.compute_pass(&context, "look", &groups, &[]))
+                    .unwrap_or_else(|error| panic!("{}, {}: {error}", first.name(), second.name()));
+            }
+        }
+    }
+}
+
 /// Every pass of the reference integrators becomes a pipeline. What the device then leaves undone is noticed.
 #[test]
 fn reference_passes_build_with_every_tracer() {

@@ -297,22 +297,20 @@ impl Resolver for Linker {
             .iter_mut()
             .filter_map(|import| import.path.as_mut())
         {
-            let package = match &path.origin {
-                PathOrigin::Package(name) => name.clone(),
-                PathOrigin::Absolute => own.clone(),
+            let (package, is_own) = match &path.origin {
+                PathOrigin::Package(name) => (name.clone(), false),
+                PathOrigin::Absolute => (own.clone(), true),
                 PathOrigin::Relative(_) => continue,
             };
             path.origin = PathOrigin::Absolute;
-            match self.tracer {
-                Some(tracer) if package == "tracer" => {
-                    let tracer = tracer.split("::").map(str::to_owned);
-                    path.components.splice(0..0, tracer);
+            let modules = |tracer: &'static str| tracer.split("::").map(str::to_owned);
+            match (self.tracer, self.secondary) {
+                (Some(tracer), _) if !is_own && package == "tracer" => {
+                    path.components.splice(0..0, modules(tracer));
                 }
-                _ if package == SECONDARY => {
-                    let tracer = self.secondary.unwrap_or_default().split("::");
-                    let module = tracer.skip(1).map(str::to_owned);
-                    path.components.splice(0..0, module);
-                    path.components.insert(0, SECONDARY.into());
+                (_, Some(tracer)) if !is_own && package == SECONDARY => {
+                    path.components.splice(0..0, modules(tracer));
+                    path.components[0] = SECONDARY.into();
                 }
                 _ => path.components.insert(0, package),
             }
