@@ -9,6 +9,7 @@ mod applies;
 mod compare;
 mod devices;
 mod display;
+mod fields;
 #[cfg(feature = "gpu")]
 mod gpu;
 #[cfg(feature = "gpu")]

@@ -72,7 +72,7 @@ impl Ground {
             Choice::Cpu(choice) => Ok(Self::Cpu {
                 built: choice.build(plan)?,
                 exact: match choice {
-                    TracerChoice::Ldi => Some(TracerChoice::Bvh.build(plan)?),
+                    TracerChoice::Ldi | TracerChoice::Field => Some(TracerChoice::Bvh.build(plan)?),
                     TracerChoice::Bvh | TracerChoice::BruteForce => None,
                 },
             }),

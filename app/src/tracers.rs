@@ -13,6 +13,7 @@ use isophote_scene::{
 
 use crate::{
     applies::{Idle, ids},
+    fields::FieldArgs,
     maps::{LdiArgs, MapsInfo},
 };
 
@@ -25,6 +26,8 @@ pub(crate) enum TracerChoice {
     BruteForce,
     /// Layered depth images: see --ldi-layers
     Ldi,
+    /// Displacement fields: see --field-rings
+    Field,
 }
 
 /// Who answers rays, wherever.
@@ -36,6 +39,8 @@ pub(crate) enum AnyTracer {
     BruteForce,
     /// CPU or GPU: layered depth images: see --ldi-layers
     Ldi,
+    /// CPU: displacement fields around objects, distances only: see --field-rings
+    Field,
     /// GPU: exact, by a bounding volume hierarchy
     ComputeBvh,
     /// GPU: exact, by the GPU's own ray tracing
@@ -69,6 +74,7 @@ impl AnyTracer {
             Self::BruteForce => Choice::Cpu(TracerChoice::BruteForce),
             Self::Ldi if on_gpu => Choice::Gpu(GpuTracerChoice::Ldi),
             Self::Ldi => Choice::Cpu(TracerChoice::Ldi),
+            Self::Field => Choice::Cpu(TracerChoice::Field),
             Self::ComputeBvh => Choice::Gpu(GpuTracerChoice::ComputeBvh),
             Self::RayQuery => Choice::Gpu(GpuTracerChoice::RayQuery),
             Self::Boxes => Choice::Gpu(GpuTracerChoice::Boxes),
@@ -157,6 +163,8 @@ pub(crate) struct TracerArgs {
     bvh_leaves: BvhLeaves,
     #[command(flatten)]
     pub(crate) ldi: LdiArgs,
+    #[command(flatten)]
+    field: FieldArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -205,16 +213,23 @@ impl TracerArgs {
             choice == Choice::Cpu(TracerChoice::Bvh) || self.are_leaves_exact(),
             "--bvh-leaves is for the tracer bvh; on GPUs the tracer boxes tests boxes"
         );
+        self.field.check()?;
         self.ldi.check(matches!(choice, Choice::Gpu(_)))
     }
 
     /// Flags that have no effect with a tracer.
     pub(crate) fn idle(&self, tracer: Option<AnyTracer>) -> Vec<Idle> {
-        if tracer == Some(AnyTracer::Ldi) {
+        let mut idle = if tracer == Some(AnyTracer::Ldi) {
             self.ldi.idle()
         } else {
             Idle::all(ids::<LdiArgs>(), "it is for the tracer ldi").collect()
+        };
+        if tracer == Some(AnyTracer::Field) {
+            idle.extend(self.field.idle());
+        } else {
+            idle.extend(Idle::all(ids::<FieldArgs>(), "it is for the tracer field"));
         }
+        idle
     }
 }
 
@@ -241,6 +256,7 @@ impl TracerChoice {
             Self::Bvh => build::<BvhTracer>(plan, &plan.args.bvh_options()),
             Self::BruteForce => build::<BruteForceTracer>(plan, &()),
             Self::Ldi => plan.args.ldi.build(plan),
+            Self::Field => plan.args.field.build(plan),
         }
     }
 }
