@@ -20,6 +20,8 @@ pub(crate) struct Gpu {
     pub(crate) context: Context,
     pub(crate) scene: GpuScene,
     pub(crate) tracer: Box<dyn GpuTracer>,
+    /// The exact one of the same structures, where it is not.
+    pub(crate) exact: Option<Box<dyn GpuTracer>>,
     /// Held by the tracer's own structures.
     pub(crate) bytes: usize,
 }
@@ -40,11 +42,16 @@ impl Gpu {
     ) -> Result<Self> {
         let adapter = adapter.map_or(AdapterChoice::Any, |name| AdapterChoice::Named(name.into()));
         let context = Context::open(&adapter)?;
-        let (tracer, bytes) = build(choice, &context, plan)?;
+        let Built {
+            tracer,
+            exact,
+            bytes,
+        } = build(choice, &context, plan)?;
         Ok(Self {
             scene: GpuScene::new(&context, plan.scene)?,
             context,
             tracer,
+            exact,
             bytes: bytes as usize,
         })
     }
@@ -57,21 +64,38 @@ impl Gpu {
     }
 }
 
-/// A tracer, and the bytes its own structures hold.
-pub(crate) fn build(
-    choice: GpuTracerChoice,
-    context: &Context,
-    plan: &Plan<'_>,
-) -> Result<(Box<dyn GpuTracer>, u64)> {
+/// A tracer that is ready.
+pub(crate) struct Built {
+    pub(crate) tracer: Box<dyn GpuTracer>,
+    /// The exact one of the same structures, where it is not.
+    exact: Option<Box<dyn GpuTracer>>,
+    /// Held by its own structures.
+    bytes: u64,
+}
+
+impl Built {
+    fn new(tracer: impl BuildGpuTracer + 'static) -> Self {
+        Self {
+            bytes: tracer.bytes(),
+            tracer: Box::new(tracer),
+            exact: None,
+        }
+    }
+}
+
+pub(crate) fn build(choice: GpuTracerChoice, context: &Context, plan: &Plan<'_>) -> Result<Built> {
     match choice {
         GpuTracerChoice::ComputeBvh => boxed::<ComputeBvhTracer>(context, plan, &()),
         GpuTracerChoice::RayQuery => boxed::<RayQueryTracer>(context, plan, &()),
         GpuTracerChoice::Boxes => boxed::<RayQueryBoxTracer>(context, plan, &()),
         GpuTracerChoice::ComputeBoxes => {
-            let (scene, selection) = (plan.scene, plan.selection);
-            let tracer = ComputeBvhTracer::build_with(context, scene, selection, Leaves::Boxes)?;
-            let bytes = tracer.bytes();
-            Ok((Box::new(tracer), bytes))
+            let exact = ComputeBvhTracer::build(context, plan.scene, plan.selection, &())?;
+            let bytes = exact.bytes();
+            Ok(Built {
+                tracer: Box::new(exact.with_leaves(Leaves::Boxes)),
+                exact: Some(Box::new(exact)),
+                bytes,
+            })
         }
         GpuTracerChoice::Ldi => maps(context, plan),
     }
@@ -81,20 +105,18 @@ fn boxed<T: BuildGpuTracer + 'static>(
     context: &Context,
     plan: &Plan<'_>,
     options: &T::Options,
-) -> Result<(Box<dyn GpuTracer>, u64)> {
+) -> Result<Built> {
     let tracer = T::build(context, plan.scene, plan.selection, options)?;
-    let bytes = tracer.bytes();
-    Ok((Box::new(tracer), bytes))
+    Ok(Built::new(tracer))
 }
 
 /// Maps of what does not move.
-fn maps(context: &Context, plan: &Plan<'_>) -> Result<(Box<dyn GpuTracer>, u64)> {
+fn maps(context: &Context, plan: &Plan<'_>) -> Result<Built> {
     let (args, selection) = (&plan.args.ldi, static_part(plan));
     let tracer = if args.has_file() {
         LdiGpuTracer::upload(context, &args.maps(plan)?)?
     } else {
         LdiGpuTracer::build(context, plan.scene, &selection, &args.params())?
     };
-    let bytes = tracer.bytes();
-    Ok((Box::new(tracer), bytes))
+    Ok(Built::new(tracer))
 }

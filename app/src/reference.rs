@@ -78,14 +78,16 @@ impl Ground {
             }),
             #[cfg(feature = "gpu")]
             Choice::Gpu(choice) => {
-                let gpu = Gpu::build(choice, adapter, plan)?;
-                let exact =
-                    if choice == GpuTracerChoice::Ldi || gpu.tracer.answers() < Answers::Surface {
+                let mut gpu = Gpu::build(choice, adapter, plan)?;
+                let is_exact =
+                    choice != GpuTracerChoice::Ldi && gpu.tracer.answers() == Answers::Surface;
+                let exact = match gpu.exact.take() {
+                    None if !is_exact => {
                         let bvh = GpuTracerChoice::ComputeBvh;
-                        Some(build(bvh, &gpu.context, plan)?.0)
-                    } else {
-                        None
-                    };
+                        Some(build(bvh, &gpu.context, plan)?.tracer)
+                    }
+                    exact => exact,
+                };
                 Ok(Self::Gpu {
                     gpu: Box::new(gpu),
                     exact,

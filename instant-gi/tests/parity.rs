@@ -267,7 +267,7 @@ fn boxes_give_the_same_picture() {
     let (_, scene, params) = cases().swap_remove(0);
     let selection = Selection::default();
     let exact = ComputeBvhTracer::build(&context, &scene, &selection, &()).unwrap();
-    let walked = ComputeBvhTracer::build_with(&context, &scene, &selection, Leaves::Boxes).unwrap();
+    let walked = exact.with_leaves(Leaves::Boxes);
     let query = RayQueryBoxTracer::build(&context, &scene, &selection, &()).unwrap();
     let expected = on_cpu(&scene, &params, Leaves::Boxes);
     for secondary in [&walked as &dyn GpuTracer, &query] {

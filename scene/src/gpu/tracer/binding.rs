@@ -13,7 +13,7 @@ use crate::{
 ///
 /// The module declares a table both ways and chooses by the flag `tracer_in_textures`, as
 /// `shaders/tracer/compute_bvh.wesl` does.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct TracerBinding {
     label: &'static str,
     placement: Placement,

@@ -28,7 +28,7 @@ use crate::{
 
 /// Finds what [`BvhTracer`](crate::BvhTracer) finds, with triangles or boxes in its leaves, in a shader. Binds two storage
 /// buffers, or two textures.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct ComputeBvhTracer {
     scene: Arc<Scene>,
     selection: Selection,
@@ -54,6 +54,15 @@ impl ComputeBvhTracer {
             selection: *selection,
             leaves,
         })
+    }
+
+    /// The same tree, asked for other leaves: nothing is built or copied, until one of the two is moved.
+    #[must_use]
+    pub fn with_leaves(&self, leaves: Leaves) -> Self {
+        Self {
+            leaves,
+            ..self.clone()
+        }
     }
 }
 
