@@ -31,7 +31,7 @@ struct Arguments {
 
 fn main() {
     let arguments = Arguments::parse(std::env::args().skip(1));
-    let bench = Bench::new(&arguments);
+    let mut bench = Bench::new(&arguments);
     for text in &arguments.cases {
         println!("{}", bench.run(text, &Case::parse(text, bench.materials)));
     }
@@ -113,6 +113,8 @@ struct Bench<'a> {
     materials: Materials,
     triangles: BvhTracer,
     boxes: BvhTracer,
+    /// Indirect light of the plain method, with the number of light paths.
+    truth: Option<(u32, Vec<Vec3>)>,
 }
 
 impl<'a> Bench<'a> {
@@ -132,13 +134,9 @@ impl<'a> Bench<'a> {
             material.metallic_roughness_texture = None;
         }
         let scene = Arc::new(scene);
-        let [triangles, boxes] = [Leaves::Triangles, Leaves::Boxes].map(|leaves| {
-            let options = BvhOptions {
-                leaves,
-                ..BvhOptions::default()
-            };
-            BvhTracer::build(&scene, &Selection::default(), &options).expect("a tracer")
-        });
+        let triangles = BvhTracer::build(&scene, &Selection::default(), &BvhOptions::default())
+            .expect("a tracer");
+        let boxes = triangles.with_leaves(Leaves::Boxes);
         let materials = match arguments.mirrors.is_empty() {
             true => Materials::Lambert,
             false => Materials::Pbr,
@@ -149,6 +147,7 @@ impl<'a> Bench<'a> {
             materials,
             triangles,
             boxes,
+            truth: None,
         }
     }
 
@@ -168,7 +167,14 @@ impl<'a> Bench<'a> {
             .expect("a picture")
     }
 
-    fn run(&self, text: &str, case: &Case) -> Value {
+    /// Indirect light of the plain method with as many light paths.
+    fn truth(&mut self, case: &Case) -> Vec<Vec3> {
+        let paths = case.params.paths;
+        if let Some((of, truth)) = &self.truth
+            && *of == paths
+        {
+            return truth.clone();
+        }
         let plain = Case {
             boxes: false,
             params: GiParams {
@@ -177,10 +183,16 @@ impl<'a> Bench<'a> {
                 ..case.params
             },
         };
-        let truth = self.render(&plain);
+        let truth = self.render(&plain).indirect;
+        self.truth = Some((paths, truth.clone()));
+        truth
+    }
+
+    fn run(&mut self, text: &str, case: &Case) -> Value {
+        let truth = self.truth(case);
         let mut frames = Vec::new();
         let mut stages: Vec<Vec<f64>> = Vec::new();
-        let mut last = truth.clone();
+        let mut last = Stages::default();
         for _ in 0..self.arguments.frames {
             drop(std::mem::take(&mut last));
             let start = Instant::now();
@@ -192,7 +204,7 @@ impl<'a> Bench<'a> {
             let seconds = median(stages.iter().map(|stages| stages[number]).collect());
             json!({ "name": pass.name, "seconds": seconds, "rays": pass.rays, "shadow_rays": pass.shadow_rays })
         });
-        let [rel_rmse, bias] = errors(&last.indirect, &truth.indirect);
+        let [rel_rmse, bias] = errors(&last.indirect, &truth);
         json!({
             "scene": self.arguments.scene,
             "case": text,

@@ -74,7 +74,7 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
         params.check()?;
         let exact = tracers.exact.answers();
         exact.require(Answers::Surface, "igi", "the exact tracer")?;
-        if params.compensation > 0 {
+        if params.compensates() {
             let secondary = tracers.secondary.answers();
             secondary.require(Answers::Surface, "igi", "the secondary tracer")?;
         }

@@ -5,7 +5,7 @@
 //! 1. [`cpu::emission`]: light paths make virtual point lights (§4).
 //! 2. [`isophote_scene::GBuffer`]: what the camera sees.
 //! 3. `cpu/tiles.rs` and `cpu/specular.rs`: light straight from the lights, mirrors and glass (§4).
-//! 4. `cpu/indirect.rs`: the virtual point lights' light (Eq. (1)), of all or of a part of them (§4.2, §4.3).
+//! 4. `cpu/samples.rs`, `cpu/indirect.rs`: the virtual point lights' light (Eq. (1)), of all or of a part of them (§4.2, §4.3).
 //! 5. `cpu/filter.rs`: samples become a picture (Eq. (2), §4.3).
 //!
 //! The same stages on GPUs: `gpu.rs` and the shaders of the stages' names (feature `gpu`).
@@ -20,6 +20,7 @@
 //! | §4.1, imperfect visibility | a tracer of boxes as the secondary one: `Leaves::Boxes` of scene's trees on CPUs and GPUs, or `boxes` of ray queries |
 //! | §4.2, downsampling, Eq. (2) | [`GiParams::downsampling`], [`isophote_filters::JointBilateral`] |
 //! | §4.3, interleaved sampling, discontinuity buffer | [`GiParams::interleaving`], [`isophote_filters::DiscontinuityBuffer`] |
+//! | §6, both filters in a single pass | [`isophote_filters::SinglePass`] |
 //! | §6, irregular interleaving | [`Pattern::Irregular`] |
 //!
 //! # Differences from the paper
@@ -29,7 +30,11 @@
 //!   it off around the triangle's, as the reference integrators do.
 //! - ρ of Eq. (1) is albedo/π, and it is multiplied on at the very end: what is computed is irradiance.
 //! - The bias of the bound can be compensated ([`GiParams::compensation`]).
-//! - The filters compare depths with the tangent plane, unless [`Filter::Paper`] is chosen.
+//! - The filters compare depths with the tangent plane, unless [`Filter::Paper`] is chosen; [`Filter::Fill`] computes at a
+//!   sample the parts of the lights that no sample around it has on its surface (`cpu/fill.rs`).
+//! - What mirrors and glass show is lit tile by tile and timed apart; the paper lights it where it is hit.
+//! - Imperfect visibility needs no second structure: [`isophote_scene::BvhTracer::with_leaves`] asks one tree for boxes.
+//! - Not there: visibility of virtual lights by parabolic shadow maps (§6), and interpolation for what mirrors show (§6).
 
 pub mod cpu;
 mod error;

@@ -133,7 +133,7 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
             }
         }
         flush(&mut rays, &mut arrivals);
-        if share.compensate && self.params.compensation > 0 && self.params.min_d > 0.0 {
+        if share.compensate && self.params.compensates() {
             for (receiver, light) in receivers.iter().zip(light) {
                 let (left_out, rays) = self.left_out(receiver);
                 *light += left_out;
