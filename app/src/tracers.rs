@@ -211,7 +211,7 @@ impl TracerArgs {
         );
         ensure!(
             choice == Choice::Cpu(TracerChoice::Bvh) || self.are_leaves_exact(),
-            "--bvh-leaves is for the tracer bvh; on GPUs the tracer boxes tests boxes"
+            "--bvh-leaves is for the tracer bvh; on GPUs the tracers boxes and compute-boxes test boxes"
         );
         self.field.check()?;
         self.ldi.check(matches!(choice, Choice::Gpu(_)))
