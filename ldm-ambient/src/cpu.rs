@@ -3,10 +3,13 @@
 //! Maps of one direction are independent of those of others: several are built at the same time, each by one thread, and
 //! then asked in the order of their directions for many points at the same time. So nothing depends on the number of threads.
 
+mod aim;
+pub mod hbao;
 mod lanes;
 mod maps;
 pub mod occlusion;
 mod packed;
+pub mod photons;
 mod points;
 mod raster;
 pub mod trace;

@@ -1,4 +1,48 @@
 #![doc = include_str!("../README.md")]
+//!
+//! # Stages
+//!
+//! 1. [`cpu::Triangles`]: what is drawn into every map.
+//! 2. `cpu/view.rs`: how a map looks at it, along one of the [`Directions`] (§3.2), fitted around the points it is asked for.
+//! 3. `cpu/raster.rs`: which pixels a triangle covers, and how deep.
+//! 4. `cpu/maps.rs`: layered depth maps (§3): count, prefix sum, fill, sort.
+//! 5. [`cpu::trace`]: rays through maps (§3.1), stored or streamed.
+//! 6. [`cpu::occlusion`]: ambient occlusion, obscurance and bent normals (§3.3, §4.1).
+//! 7. [`cpu::photons`]: photon differentials leave the lights, are split along the maps and splatted (§3.4, §4.2).
+//!
+//! [`cpu::hbao`] is the screen-space method that the paper compares with.
+//!
+//! # From the paper to the code
+//!
+//! | paper | code |
+//! |---|---|
+//! | §3.1, trace(x, ω): find map, pixel, depth, intersection | [`cpu::trace`] |
+//! | §3.2, recursive zonal equal-area partition, culled directions (Fig. 5) | [`Partition`], [`Directions`] |
+//! | Eq. (1) to (3), obscurance | [`cpu::occlusion::Occlusion`] |
+//! | §3.4, D x and D d, transfer (Igehy 1999), rotation by α | `cpu/photons/differential.rs` |
+//! | §4.2, photons leave the light's view; splitting | `cpu/photons/emission.rs`, [`cpu::photons::light`] |
+//! | Eq. (4) to (7), splatting | `cpu/photons/splat.rs` |
+//! | §6, arbitrary light sources | `cpu/photons/emission.rs` |
+//! | §6, progressive rendering | [`OcclusionParams::frames`], [`Directions::turned`] |
+//! | Fig. 3, point clouds | [`LdmTracer::point_cloud`] |
+//! | Fig. 8, HBAO | [`cpu::hbao`] |
+//!
+//! # Differences from the paper
+//!
+//! - N counts directions of a hemisphere: the sphere is cut into 2N regions and each map answers for two of them. The sum of
+//!   Eq. (2) is divided by the sum of its cosines and not by N/2, so that an open sky is 1 at every normal.
+//! - Maps are streamed: built, asked for all points, dropped. Memory does not grow with N. [`LdmTracer`] stores them.
+//! - Maps are fitted around the points, not the scene. Their pixels are as many as asked for and square.
+//! - A point is moved to the line of its pixel's centre within its own plane; where its surface does not reach so far, another
+//!   pixel is asked. The paper compares depths as they are, with a tolerance.
+//! - Without `d_max` a map keeps the first and the last layer of each pixel: nothing else is asked for.
+//! - Several points of a pixel share the maps between them.
+//! - Parts of a photon that run along a map keep the footprint they had ([`Spread::Parallel`]); the paper's turned differentials
+//!   are [`Spread::Turned`].
+//! - Split photons share what is reflected by cosθ / Σ cosθ, so that no energy is lost between directions.
+//! - Photons land in the planes of what the camera sees, which the map's distance only chooses; those whose middle is hidden
+//!   or outside of the picture count where their footprint is not.
+//! - Splatting is tiled, without atomics; the filter's third row reaches a share of the footprint's radius out of its plane.
 
 pub mod cpu;
 mod directions;
@@ -6,7 +50,10 @@ mod error;
 mod params;
 
 pub use self::{
-    cpu::trace::{LdmTracer, StreamedMaps},
+    cpu::{
+        photons::{PhotonParams, Spread},
+        trace::{LdmTracer, StreamedMaps},
+    },
     directions::{Directions, Partition, Region, Zone},
     error::{Error, Result},
     params::{MapParams, OcclusionParams},

@@ -1,20 +1,23 @@
-//! The technique `ldm`: occlusion by layered depth maps along fixed directions, by `isophote-ldm-ambient`.
+//! The technique `ldm`: occlusion and one bounce of light by layered depth maps along fixed directions, by
+//! `isophote-ldm-ambient`.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, f32::consts::PI};
 
-use anyhow::{Context, Result};
-use clap::Args;
+use anyhow::{Context, Result, ensure};
+use clap::{Args, ValueEnum};
 use glam::Vec3;
 use isophote_ldm_ambient::{
-    MapParams, OcclusionParams,
+    MapParams, OcclusionParams, PhotonParams,
     cpu::{
         Points, Triangles,
+        hbao::{HbaoParams, hbao},
         occlusion::{Occlusion, Sky},
+        photons::light,
     },
 };
 use isophote_scene::{
-    Pass, Scene,
-    reference::{Estimate, Layers, Progress, Quantity, Render},
+    GBuffer, Pass, Scene, Tracer,
+    reference::{Estimate, Layers, Progress, Quantity, Render, Tracers},
 };
 
 use super::Technique;
@@ -42,6 +45,31 @@ pub(crate) struct LdmTechnique {
     /// Frames that are accumulated, each with its directions turned at random
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     ldm_frames: u32,
+    /// Who finds what is in the way of ao and obscurance
+    #[arg(long, value_enum, value_name = "METHOD", default_value = "maps")]
+    ldm_occlusion: OcclusionChoice,
+    /// Photons along each side of a light's view; a point light has six views
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    ldm_photons: u32,
+    /// By how much a photon's splat is wider than its footprint
+    #[arg(long, value_name = "FACTOR", default_value_t = PhotonParams::default().splat_size, value_parser = crate::values::not_negative)]
+    ldm_splat_size: f32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum OcclusionChoice {
+    /// Layered depth maps
+    Maps,
+    /// What the camera sees alone: horizon-based ambient occlusion, to compare with
+    Hbao,
+}
+
+/// Values of the quantities, layers of their own, and what it took.
+#[derive(Default)]
+struct Found {
+    values: BTreeMap<Quantity, Vec<Vec3>>,
+    stages: Vec<(&'static str, Vec<Vec3>)>,
+    passes: Vec<Pass>,
 }
 
 impl LdmTechnique {
@@ -66,12 +94,17 @@ impl LdmTechnique {
 
 impl Technique for LdmTechnique {
     fn quantities(&self) -> &'static [Quantity] {
-        &[Quantity::Ao, Quantity::Obscurance]
+        &[
+            Quantity::Ao,
+            Quantity::Obscurance,
+            Quantity::Indirect,
+            Quantity::IrradianceIndirect,
+        ]
     }
 
     fn idle(&self) -> Vec<Idle> {
         let mut idle: Vec<Idle> = Idle::all(
-            ["path_bounces", "min_d", "materials"],
+            ["path_bounces", "min_d"],
             "the technique ldm does not know it",
         )
         .collect();
@@ -85,7 +118,7 @@ impl Technique for LdmTechnique {
     }
 
     fn costs(&self) -> [u64; 2] {
-        [1, 256]
+        [1, 512]
     }
 
     fn render(
@@ -95,55 +128,175 @@ impl Technique for LdmTechnique {
         order: Order<'_>,
         progress: &dyn Progress,
     ) -> Result<Made> {
-        let exact = ground.on_cpu().context("it runs on the CPU")?.exact;
-        let [width, height] = order.size;
-        let pixels = width as usize * height as usize;
-        let normals = order.settings.normals;
-        let mut passes = Vec::new();
+        let Tracers { exact, .. } = ground.on_cpu().context("it runs on the CPU")?;
         let triangles = Triangles::new(scene, &scene.transforms(), order.selection)?;
-        let mut occlusion = Occlusion::new(&triangles, pixels, &self.occlusion(&order))?;
-        for sample in 0..self.ldm_samples {
-            let points = Pass::timed(&mut passes, "camera", || {
-                let points =
-                    Points::from_camera(scene, exact, order.camera, order.size, sample, normals);
-                (points, [pixels as u64, 0])
-            });
-            Pass::timed(&mut passes, "occlusion", || {
-                let before = occlusion.lookups();
-                occlusion.add(&points, [sample, self.ldm_samples], progress);
-                ((), [occlusion.lookups() - before, 0])
-            });
+        let mut found = Found::default();
+        if order
+            .quantities
+            .iter()
+            .any(|quantity| quantity.is_occlusion())
+        {
+            self.find_occlusion(&triangles, exact, &order, progress, &mut found)?;
         }
-        let passes = merged(&passes);
-        let skies = occlusion.skies();
-        let estimate = |&quantity| Estimate {
-            quantity,
-            values: values(&skies, quantity),
+        if order
+            .quantities
+            .iter()
+            .any(|quantity| !quantity.is_occlusion())
+        {
+            self.find_light(&triangles, exact, &order, progress, &mut found)?;
+        }
+        let estimate = |quantity: &Quantity| Estimate {
+            quantity: *quantity,
+            values: found.values.remove(quantity).unwrap_or_default(),
             // There are no two halves.
             noise: f32::NAN,
         };
+        let estimates = order.quantities.iter().map(estimate).collect();
+        let normals = order.settings.normals;
         let render = Render {
             size: order.size,
-            estimates: order.quantities.iter().map(estimate).collect(),
+            estimates,
             layers: Layers::of(scene, exact, order.camera, order.size, normals),
-            rays: passes.iter().map(|pass| pass.rays).sum(),
+            rays: found.passes.iter().map(|pass| pass.rays).sum(),
         };
-        let bent = skies.iter().map(|sky| sky.bent_normal).collect();
         Ok(Made {
             render,
-            stages: vec![("bent-normal", bent)],
-            passes,
+            stages: found.stages,
+            passes: merged(&found.passes),
             gpu_seconds: BTreeMap::new(),
         })
     }
 }
 
-fn values(skies: &[Sky], quantity: Quantity) -> Vec<Vec3> {
-    let value = |sky: &Sky| match quantity {
-        Quantity::Obscurance => sky.obscurance,
-        _ => sky.ao,
-    };
-    skies.iter().map(|sky| Vec3::splat(value(sky))).collect()
+impl LdmTechnique {
+    fn find_occlusion(
+        &self,
+        triangles: &Triangles<'_>,
+        exact: &dyn Tracer,
+        order: &Order<'_>,
+        progress: &dyn Progress,
+        found: &mut Found,
+    ) -> Result<()> {
+        let skies = match self.ldm_occlusion {
+            OcclusionChoice::Maps => self.by_maps(triangles, exact, order, progress, found)?,
+            OcclusionChoice::Hbao => self.by_hbao(triangles, exact, order, found)?,
+        };
+        let splat =
+            |value: fn(&Sky) -> f32| skies.iter().map(|sky| Vec3::splat(value(sky))).collect();
+        found.values.insert(Quantity::Ao, splat(|sky| sky.ao));
+        found
+            .values
+            .insert(Quantity::Obscurance, splat(|sky| sky.obscurance));
+        let bent = skies.iter().map(|sky| sky.bent_normal).collect();
+        found.stages.push(("bent-normal", bent));
+        Ok(())
+    }
+
+    fn by_maps(
+        &self,
+        triangles: &Triangles<'_>,
+        exact: &dyn Tracer,
+        order: &Order<'_>,
+        progress: &dyn Progress,
+        found: &mut Found,
+    ) -> Result<Vec<Sky>> {
+        let [width, height] = order.size;
+        let pixels = width as usize * height as usize;
+        let normals = order.settings.normals;
+        let mut occlusion = Occlusion::new(triangles, pixels, &self.occlusion(order))?;
+        for sample in 0..self.ldm_samples {
+            let points = Pass::timed(&mut found.passes, "camera", || {
+                let scene = triangles.scene();
+                let points =
+                    Points::from_camera(scene, exact, order.camera, order.size, sample, normals);
+                (points, [pixels as u64, 0])
+            });
+            Pass::timed(&mut found.passes, "occlusion", || {
+                let before = occlusion.lookups();
+                occlusion.add(&points, [sample, self.ldm_samples], progress);
+                ((), [occlusion.lookups() - before, 0])
+            });
+        }
+        Ok(occlusion.skies())
+    }
+
+    fn by_hbao(
+        &self,
+        triangles: &Triangles<'_>,
+        exact: &dyn Tracer,
+        order: &Order<'_>,
+        found: &mut Found,
+    ) -> Result<Vec<Sky>> {
+        ensure!(
+            order.settings.d_max.is_finite(),
+            "--ldm-occlusion hbao needs a finite --d-max: it knows nothing beyond the picture"
+        );
+        let seen = self.see(triangles, exact, order, found);
+        let params = HbaoParams {
+            d_max: order.settings.d_max,
+            ..HbaoParams::default()
+        };
+        let skies = Pass::timed(&mut found.passes, "occlusion", || {
+            (hbao(&seen, order.camera, &params), [0, 0])
+        });
+        Ok(skies?)
+    }
+
+    fn find_light(
+        &self,
+        triangles: &Triangles<'_>,
+        exact: &dyn Tracer,
+        order: &Order<'_>,
+        progress: &dyn Progress,
+        found: &mut Found,
+    ) -> Result<()> {
+        let seen = self.see(triangles, exact, order, found);
+        let params = PhotonParams {
+            maps: self.maps(),
+            raster: self.ldm_photons,
+            splat_size: self.ldm_splat_size,
+            materials: order.settings.materials,
+            normals: order.settings.normals,
+            seed: order.settings.seed,
+            ..PhotonParams::default()
+        };
+        let lit = light(triangles, exact, order.camera, &seen, &params, progress)?;
+        let radiance = seen
+            .pixels
+            .iter()
+            .zip(&lit.indirect)
+            .map(|(seen, &irradiance)| {
+                let albedo = seen.as_ref().map_or(Vec3::ZERO, |seen| seen.albedo());
+                albedo / PI * irradiance
+            });
+        found.values.insert(Quantity::Indirect, radiance.collect());
+        found
+            .values
+            .insert(Quantity::IrradianceIndirect, lit.indirect);
+        found.passes.extend(lit.passes);
+        Ok(())
+    }
+
+    fn see(
+        &self,
+        triangles: &Triangles<'_>,
+        exact: &dyn Tracer,
+        order: &Order<'_>,
+        found: &mut Found,
+    ) -> GBuffer {
+        Pass::timed(&mut found.passes, "camera", || {
+            let materials = order.settings.materials;
+            let seen = GBuffer::see(
+                triangles.scene(),
+                exact,
+                order.camera,
+                order.size,
+                materials,
+            );
+            let rays = seen.pixels.len() as u64;
+            (seen, [rays, 0])
+        })
+    }
 }
 
 /// One pass of each name, in the order of the first of each.

@@ -102,6 +102,11 @@ impl<'a> Triangles<'a> {
         self.scene.alpha_passes(triangle.surface, uv)
     }
 
+    /// The scene they are of.
+    pub fn scene(&self) -> &'a Scene {
+        self.scene
+    }
+
     /// Bytes that it holds.
     pub fn bytes(&self) -> usize {
         size_of_val(&self.blocks[..]) + size_of_val(&self.masked[..])
