@@ -45,14 +45,14 @@ pub enum Coverage {
 }
 
 impl Default for LdiParams {
-    /// 96 directions, 128 × 128 pixels, exact, depths to 2 pixels, and at most 4 GiB.
+    /// 96 directions, 128 × 128 pixels, exact, depths to 4 pixels, and at most 4 GiB.
     fn default() -> Self {
         Self {
             cells: 4,
             resolution: 128,
             coverage: Coverage::default(),
             epsilon: 0.6,
-            depth_error: 2.0,
+            depth_error: 4.0,
             max_bytes: 4 << 30,
         }
     }
