@@ -3,6 +3,7 @@
 //! Each page is one HTML file with its pictures inside, and the same numbers as JSON beside it. Everything is measured
 //! by `isophote` and by the crates' own benches; here it is only put together.
 
+mod field;
 mod igi;
 mod lab;
 mod ldi;
@@ -23,6 +24,7 @@ pub(crate) struct Arguments {
 enum Paper {
     Ldi(ldi::Arguments),
     Igi(igi::Arguments),
+    Field(field::Arguments),
 }
 
 /// Makes one page.
@@ -30,5 +32,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     match &arguments.paper {
         Paper::Ldi(arguments) => ldi::run(arguments),
         Paper::Igi(arguments) => igi::run(arguments),
+        Paper::Field(arguments) => field::run(arguments),
     }
 }
