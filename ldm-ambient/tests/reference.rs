@@ -193,7 +193,7 @@ fn hbao_is_fair_for_near_occluders() {
     let (camera, size) = (&scene.cameras[0], [96, 72]);
     let seen = GBuffer::see(&scene, &exact, camera, size, Materials::Lambert);
     // The box is half a metre wide.
-    let d_max = 0.03;
+    let d_max = 0.15;
     let found = hbao(
         &seen,
         camera,
@@ -227,7 +227,7 @@ fn hbao_is_fair_for_near_occluders() {
         .zip(&truth.estimates[0].values)
         .map(|(a, b)| (a.ao - b.x).powi(2));
     let rms = 255.0 * (squares.sum::<f32>() / found.len() as f32).sqrt();
-    assert!(rms < 18.0, "{rms} grey levels");
+    assert!(rms < 20.0, "{rms} grey levels");
     let wrong = HbaoParams {
         d_max: f32::INFINITY,
         ..HbaoParams::default()
