@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use glam::{Affine3A, Vec2, Vec3};
 use isophote_scene::{
-    Answers, Hit, Mesh, Ray, Scene, Selection, SurfaceId, Tracer, check_transforms,
+    Aabb, Answers, Hit, Mesh, Ray, Scene, Selection, SurfaceId, Tracer, check_transforms,
     reference::Progress,
 };
 
@@ -123,29 +123,39 @@ impl Object {
     }
 }
 
-/// Whether an instance belongs to a selection: bounds take or leave whole instances.
+/// Whether an instance of a mesh of these bounds belongs to a selection: bounds take or leave whole instances.
 fn is_selected(
     scene: &Scene,
     instance: usize,
+    bounds: &Aabb,
     transform: &Affine3A,
     selection: &Selection,
 ) -> bool {
-    let placed = &scene.instances[instance];
-    let bounds = scene.mesh(placed).bounds();
     let touches = selection.bounds.is_none_or(|limits| {
         let corners = bounds
             .corners()
             .map(|corner| transform.transform_point3(corner));
-        limits.overlaps(&isophote_scene::Aabb::around(corners))
+        limits.overlaps(&Aabb::around(corners))
     });
-    placed.mask.contains(selection.mask) && !bounds.is_empty() && touches
+    scene.instances[instance].mask.contains(selection.mask) && !bounds.is_empty() && touches
+}
+
+fn bounds(scene: &Scene) -> Vec<Aabb> {
+    scene.meshes.iter().map(|mesh| mesh.bounds()).collect()
 }
 
 /// The meshes of a scene that fields are needed of, by index: those of selected instances.
 pub fn meshes(scene: &Scene, selection: &Selection) -> Vec<usize> {
-    let mut meshes: Vec<usize> = (0..scene.instances.len())
-        .filter(|&index| is_selected(scene, index, &scene.instances[index].transform, selection))
-        .map(|index| scene.instances[index].mesh as usize)
+    let bounds = bounds(scene);
+    let mut meshes: Vec<usize> = scene
+        .instances
+        .iter()
+        .enumerate()
+        .filter(|(index, instance)| {
+            let bounds = &bounds[instance.mesh as usize];
+            is_selected(scene, *index, bounds, &instance.transform, selection)
+        })
+        .map(|(_, instance)| instance.mesh as usize)
         .collect();
     meshes.sort_unstable();
     meshes.dedup();
@@ -162,6 +172,8 @@ pub struct FieldTracer {
     selection: Selection,
     /// For every mesh of the scene; empty where none is needed.
     objects: Vec<Object>,
+    /// Of every mesh.
+    bounds: Vec<Aabb>,
     look_up: LookUp,
     placed: Vec<Placed>,
     top: Top,
@@ -209,6 +221,7 @@ impl FieldTracer {
             scene: scene.clone(),
             selection: *selection,
             objects,
+            bounds: bounds(scene),
             look_up,
             placed: Vec::new(),
             top: Top::default(),
@@ -280,10 +293,11 @@ impl FieldTracer {
     fn place(&mut self, transforms: &[Affine3A]) -> Result<()> {
         let mut placed = Vec::with_capacity(self.placed.len());
         for (instance, transform) in transforms.iter().enumerate() {
-            if !is_selected(&self.scene, instance, transform, &self.selection) {
+            let mesh = self.scene.instances[instance].mesh as usize;
+            let bounds = &self.bounds[mesh];
+            if !is_selected(&self.scene, instance, bounds, transform, &self.selection) {
                 continue;
             }
-            let mesh = self.scene.instances[instance].mesh as usize;
             let scale = uniform_scale(transform).map_err(|what| Error::Transform {
                 instance,
                 name: self.scene.instances[instance].name.clone(),
