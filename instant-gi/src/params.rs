@@ -88,6 +88,7 @@ impl GiParams {
     }
 
     /// Whether samples compute the parts of the lights that they are not given.
+    #[cfg(feature = "gpu")]
     pub(crate) fn fills(&self) -> bool {
         self.filter == Filter::Fill && self.interleaving != [1, 1]
     }
