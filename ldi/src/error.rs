@@ -1,7 +1,5 @@
 //! What can go wrong with layered depth images.
 
-use std::path::PathBuf;
-
 /// Result of this crate's fallible functions.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
@@ -27,36 +25,12 @@ pub enum Error {
         /// What to do about it.
         remedy: &'static str,
     },
-    /// The scene, or a file of it.
+    /// The scene, or a file of it or of maps.
     #[error(transparent)]
     Scene(#[from] isophote_scene::Error),
     /// The filter's parameters, or what it was given.
     #[error("the filter: {0}")]
     Filter(#[from] isophote_filters::Error),
-    /// A file of maps could not be read.
-    #[error("{}: {source}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What the operating system said.
-        source: std::io::Error,
-    },
-    /// A file is no file of maps, or has been damaged.
-    #[error("{}: {reason}; build the maps anew", path.display())]
-    Damaged {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong, and where in the file.
-        reason: String,
-    },
-    /// A file of maps was made of another scene, another selection of it or by another version.
-    #[error("{}: {reason}; build the maps anew", path.display())]
-    Foreign {
-        /// The file.
-        path: PathBuf,
-        /// What differs.
-        reason: String,
-    },
 }
 
 impl From<Error> for isophote_scene::Error {
@@ -82,10 +56,6 @@ impl From<Error> for isophote_scene::Error {
                 value: error.to_string(),
                 expected: "its parameters must be in their ranges",
             },
-            Error::Io { path, source } => Self::Io { path, source },
-            Error::Damaged { path, reason } | Error::Foreign { path, reason } => {
-                Self::Malformed { path, reason }
-            }
         }
     }
 }

@@ -9,8 +9,8 @@ use isophote_ldi::{
     cpu::maps::{Layer, Maps},
 };
 use isophote_scene::{
-    Aabb, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Hit, Instance, InstanceMask, Mesh,
-    Ray, Scene, Selection, SurfaceId, Tracer, WithFallback, builtin, clean,
+    Aabb, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Error as SceneError, Hit, Instance,
+    InstanceMask, Mesh, Ray, Scene, Selection, SurfaceId, Tracer, WithFallback, builtin, clean,
     testing::{RayKind, Tolerances, conformance, rays},
 };
 use proptest::prelude::*;
@@ -331,14 +331,17 @@ fn maps_are_saved_and_loaded() {
         }
     }
     let foreign = LdiTracer::load(&path, &scene("office"), &Selection::default());
-    assert!(matches!(foreign, Err(Error::Foreign { .. })));
+    assert!(matches!(
+        foreign,
+        Err(Error::Scene(SceneError::Foreign { .. }))
+    ));
     let fixed = Selection {
         mask: InstanceMask::STATIC,
         bounds: Some(cornell.bounds()),
     };
     assert!(matches!(
         LdiTracer::load(&path, &cornell, &fixed),
-        Err(Error::Foreign { .. })
+        Err(Error::Scene(SceneError::Foreign { .. }))
     ));
 }
 
@@ -371,7 +374,7 @@ fn damaged_files_are_errors() {
     }
     assert!(matches!(
         LdiTracer::load(&folder.path().join("none"), &cornell, &Selection::default()),
-        Err(Error::Io { .. })
+        Err(Error::Scene(SceneError::Io { .. }))
     ));
 }
 

@@ -27,6 +27,26 @@ pub enum Error {
         /// What is wrong, and where in the file.
         reason: String,
     },
+    /// A file of numbers is of another kind, or not as it was written.
+    #[error("{}: {reason}; {remedy}", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+        /// What to do without it.
+        remedy: &'static str,
+    },
+    /// A file of numbers was made of something else than it is wanted for, or by another version.
+    #[error("{}: {reason}; {remedy}", path.display())]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// What differs.
+        reason: String,
+        /// What to do without it.
+        remedy: &'static str,
+    },
     /// A file needs a feature that is not implemented.
     #[error("{}: needs {feature}, which is not supported; {remedy}", path.display())]
     Unsupported {

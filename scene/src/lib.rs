@@ -31,6 +31,7 @@ mod receivers;
 pub mod reference;
 pub mod sample;
 mod scene;
+pub mod sealed;
 mod surface;
 #[cfg(feature = "testing")]
 pub mod testing;

@@ -1,41 +1,41 @@
 //! Maps in files, so that they are built once.
 //!
 //! ```text
-//! header    128 bytes: what it is, its version, the parameters, how many of everything there are, of which scene
-//! arrays    frames, pixels, layers, blocks, surfaces, planes, as they lie in memory
-//! checksum  16 bytes: SipHash-1-3 of all before
+//! header    112 bytes: the parameters, how many of everything there are, of which scene
+//! arrays    frames, pixels, layers, blocks, surfaces, planes
 //! ```
 //!
-//! The scene is known by the hash of the selected triangles, what they are and whether they may let rays pass, and of
-//! the bounds. A file is only read after its length and checksum have been found right, and every number in it that
-//! points at something has been checked before a ray is traced.
+//! in a [`Sealed`] file. The scene is known by the hash of the selected triangles, what they are and whether they may let
+//! rays pass, and of the bounds. Every number in it that points at something has been checked before a ray is traced.
 
-use std::{fs::File, hash::Hasher, io::Read, io::Write, path::Path, sync::Arc};
+use std::{hash::Hasher, path::Path, sync::Arc};
 
 use bytemuck::{Pod, Zeroable};
 use glam::Affine3A;
-use isophote_scene::{Scene, Selection, world_triangles, write_atomically};
+use isophote_scene::{
+    Scene, Selection,
+    sealed::{Sealed, take},
+    world_triangles,
+};
 use siphasher::sip128::{Hasher128, SipHasher13};
 
 use super::{
     maps::{Block, BlockSurfaces, Frame, LANES, Layers, Maps, PADDING, Packing, Pixel, TILE},
     trace::LdiTracer,
 };
-use crate::{Coverage, Directions, Error, LdiParams, Result};
+use crate::{Coverage, Directions, LdiParams, Result};
 
-const MAGIC: [u8; 8] = *b"ISOPHLDI";
-/// 1 had depths of 8 or 16 bits.
-const VERSION: u32 = 2;
-/// Reads differently where bytes lie the other way round.
-const BYTE_ORDER: u32 = 0x0102_0304;
-const CHECKSUM: usize = 16;
+const FORMAT: Sealed = Sealed {
+    magic: *b"ISOPHLDI",
+    // 1 had depths of 8 or 16 bits.
+    version: 2,
+    what: "layered depth images",
+    remedy: "build the maps anew",
+};
 
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 struct Header {
-    magic: [u8; 8],
-    version: u32,
-    byte_order: u32,
     cells: u32,
     resolution: u32,
     coverage: u32,
@@ -55,12 +55,11 @@ impl LdiTracer {
     /// Writes the maps into a file, whole or not at all.
     ///
     /// # Errors
-    /// [`Error::Scene`] when the file cannot be written.
+    /// [`Error::Scene`](crate::Error::Scene) when the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<()> {
         let header = self.header();
         let maps = self.maps();
-        let parts: [&[u8]; 7] = [
-            bytemuck::bytes_of(&header),
+        let arrays: [&[u8]; 6] = [
             bytemuck::cast_slice(&maps.frames),
             bytemuck::cast_slice(&maps.pixels),
             maps.layers.bytes(),
@@ -68,44 +67,30 @@ impl LdiTracer {
             bytemuck::cast_slice(&maps.surfaces),
             bytemuck::cast_slice(&maps.planes),
         ];
-        write_atomically(path, |writer| {
-            let mut hasher = SipHasher13::new();
-            for part in parts {
-                hasher.write(part);
-                writer.write_all(part).map_err(|source| io(path, source))?;
-            }
-            let sum = hasher.finish128().as_bytes();
-            writer.write_all(&sum).map_err(|source| io(path, source))
-        })?;
+        FORMAT.write(path, &header, &arrays)?;
         Ok(())
     }
 
     /// Reads maps that were [saved](Self::save) of the same selection of the same scene.
     ///
     /// # Errors
-    /// [`Error::Io`] when the file cannot be read, [`Error::Damaged`] when it is no file of maps or not as it was
-    /// written, [`Error::Foreign`] when it is of another scene, selection or version.
+    /// [`Error::Scene`](crate::Error::Scene) with what [`Sealed::read`] returns, and with [`Foreign`](isophote_scene::Error::Foreign) when it is
+    /// of another scene or selection.
     pub fn load(path: &Path, scene: &Arc<Scene>, selection: &Selection) -> Result<Self> {
-        let bytes = read(path)?;
-        let header: Header = bytemuck::pod_read_unaligned(&bytes[..size_of::<Header>()]);
+        let (header, bytes) = FORMAT.read(path, |header: &Header| header.length(path))?;
         if header.scene != scene_key(scene, &scene.transforms(), selection) {
-            return Err(foreign(
-                path,
-                "the maps are of another scene, or of another selection of it",
-            ));
+            let reason = "the maps are of another scene, or of another selection of it";
+            return Err(FORMAT.foreign(path, reason).into());
         }
         let params = header.params(path)?;
         let maps = header.maps(path, &bytes)?;
-        check(&maps, &params, scene).map_err(|reason| damaged(path, reason))?;
+        check(&maps, &params, scene).map_err(|reason| FORMAT.damaged(path, reason))?;
         Ok(Self::from_maps(scene, selection, &params, maps))
     }
 
     fn header(&self) -> Header {
         let (maps, params) = (self.maps(), self.params());
         Header {
-            magic: MAGIC,
-            version: VERSION,
-            byte_order: BYTE_ORDER,
             cells: params.cells,
             resolution: params.resolution,
             coverage: params.coverage as u32,
@@ -142,58 +127,17 @@ pub(crate) fn scene_key(scene: &Scene, transforms: &[Affine3A], selection: &Sele
     [hash.h1, hash.h2]
 }
 
-/// The whole file, its beginning, length and checksum found right.
-fn read(path: &Path) -> Result<Vec<u8>> {
-    let fail = |source| Error::Io {
-        path: path.to_owned(),
-        source,
-    };
-    let mut file = File::open(path).map_err(fail)?;
-    let length = file.metadata().map_err(fail)?.len();
-    let mut start = [0; size_of::<Header>()];
-    file.read_exact(&mut start)
-        .map_err(|_| damaged(path, "it is too short to hold maps"))?;
-    let header: Header = bytemuck::pod_read_unaligned(&start);
-    if header.magic != MAGIC {
-        return Err(damaged(path, "it is no file of layered depth images"));
-    }
-    if header.version != VERSION || header.byte_order != BYTE_ORDER {
-        return Err(foreign(
-            path,
-            "the maps were saved by another version or on another kind of processor",
-        ));
-    }
-    header.params(path)?;
-    // Only what is there is read, whatever the header says.
-    if header.length() != Some(length) {
-        return Err(damaged(
-            path,
-            "it is not as long as its header says: it was cut off, or something was added",
-        ));
-    }
-    let mut bytes = start.to_vec();
-    file.read_to_end(&mut bytes).map_err(fail)?;
-    if bytes.len() as u64 != length {
-        return Err(damaged(path, "it changed while it was read"));
-    }
-    let (content, sum) = bytes.split_at(bytes.len() - CHECKSUM);
-    let mut hasher = SipHasher13::new();
-    hasher.write(content);
-    if hasher.finish128().as_bytes() != *sum {
-        return Err(damaged(path, "its checksum is wrong"));
-    }
-    Ok(bytes)
-}
-
 impl Header {
-    fn params(&self, path: &Path) -> Result<LdiParams> {
+    fn params(&self, path: &Path) -> isophote_scene::Result<LdiParams> {
         let params = LdiParams {
             cells: self.cells,
             resolution: self.resolution,
             coverage: match self.coverage {
                 0 => Coverage::Center,
                 1 => Coverage::Touched,
-                _ => return Err(damaged(path, "its header names no known kind of layers")),
+                _ => {
+                    return Err(FORMAT.damaged(path, "its header names no known kind of layers"));
+                }
             },
             epsilon: self.epsilon,
             depth_error: self.depth_error,
@@ -201,10 +145,8 @@ impl Header {
             max_bytes: u64::MAX,
         };
         if params.check().is_err() || self.packing().is_none() {
-            return Err(damaged(
-                path,
-                "its header holds parameters out of their range",
-            ));
+            let reason = "its header holds parameters out of their range";
+            return Err(FORMAT.damaged(path, reason));
         }
         // Maps that are built anew are held to the usual limit.
         Ok(LdiParams {
@@ -236,8 +178,9 @@ impl Header {
         ])
     }
 
-    /// The length of the file.
-    fn length(&self) -> Option<u64> {
+    /// Bytes of the arrays.
+    fn length(&self, path: &Path) -> isophote_scene::Result<u64> {
+        self.params(path)?;
         let sizes = [
             size_of::<Frame>() as u64,
             size_of::<Pixel>() as u64,
@@ -246,19 +189,22 @@ impl Header {
             size_of::<BlockSurfaces>() as u64,
             size_of::<[f32; 4]>() as u64,
         ];
-        let mut length = (size_of::<Self>() + CHECKSUM) as u64;
-        for (count, size) in self.counts()?.into_iter().zip(sizes) {
-            length = length.checked_add(count.checked_mul(size)?)?;
-        }
-        Some(length)
+        let length = || {
+            let counts = self.counts()?.into_iter().zip(sizes);
+            counts.into_iter().try_fold(0_u64, |length, (count, size)| {
+                length.checked_add(count.checked_mul(size)?)
+            })
+        };
+        length().ok_or_else(|| FORMAT.damaged(path, "its header counts too much"))
     }
 
     fn maps(&self, path: &Path, bytes: &[u8]) -> Result<Maps> {
         let (counts, packing) = self
             .counts()
             .zip(self.packing())
-            .ok_or_else(|| damaged(path, "its header counts too much"))?;
-        let mut rest = &bytes[size_of::<Self>()..];
+            .ok_or_else(|| FORMAT.damaged(path, "its header counts too much"))?;
+        let mut rest = bytes;
+        let counts = counts.map(|count| count as usize);
         Ok(Maps {
             resolution: self.resolution.next_multiple_of(TILE),
             frames: take(&mut rest, counts[0]),
@@ -269,15 +215,6 @@ impl Header {
             planes: take(&mut rest, counts[5]),
         })
     }
-}
-
-/// The next array of bytes whose number is known to be right.
-fn take<T: Pod>(rest: &mut &[u8], count: u64) -> Vec<T> {
-    let (now, later) = rest.split_at(count as usize * size_of::<T>());
-    *rest = later;
-    let mut values = vec![T::zeroed(); count as usize];
-    bytemuck::cast_slice_mut(&mut values).copy_from_slice(now);
-    values
 }
 
 /// Whether everything points at something that is there.
@@ -331,27 +268,6 @@ fn check(maps: &Maps, params: &LdiParams, scene: &Scene) -> Result<(), &'static 
         return Err("a map has no extent");
     }
     Ok(())
-}
-
-fn io(path: &Path, source: std::io::Error) -> isophote_scene::Error {
-    isophote_scene::Error::Io {
-        path: path.to_owned(),
-        source,
-    }
-}
-
-fn damaged(path: &Path, reason: &str) -> Error {
-    Error::Damaged {
-        path: path.to_owned(),
-        reason: reason.into(),
-    }
-}
-
-fn foreign(path: &Path, reason: &str) -> Error {
-    Error::Foreign {
-        path: path.to_owned(),
-        reason: reason.into(),
-    }
 }
 
 #[cfg(test)]
