@@ -4,6 +4,7 @@ use anyhow::Result;
 use isophote_scene::{Hit, Ray, gpu::RayBatch};
 
 use crate::{
+    caster::Answered,
     gpu::Gpu,
     output::timed,
     tracers::{GpuTracerChoice, Plan},
@@ -13,15 +14,6 @@ use crate::{
 pub(crate) struct GpuRays {
     pub(crate) gpu: Gpu,
     batch: RayBatch,
-}
-
-/// Answers, and how long they took.
-pub(crate) struct GpuAnswers<T> {
-    pub(crate) hits: Vec<T>,
-    /// With the way to the GPU and back.
-    pub(crate) seconds: f64,
-    /// By the GPU's own clock, where it has one.
-    pub(crate) kernel_seconds: Option<f64>,
 }
 
 impl GpuRays {
@@ -42,7 +34,7 @@ impl GpuRays {
         Ok(rays)
     }
 
-    pub(crate) fn closest(&mut self, rays: &[Ray]) -> Result<GpuAnswers<Option<Hit>>> {
+    pub(crate) fn closest(&mut self, rays: &[Ray]) -> Result<Answered<Option<Hit>>> {
         let mut hits = vec![None; rays.len()];
         let Self { gpu, batch } = self;
         let (context, scene, tracer) = (&gpu.context, &gpu.scene, &*gpu.tracer);
@@ -51,7 +43,7 @@ impl GpuRays {
         Ok(self.answers(hits, seconds))
     }
 
-    pub(crate) fn any(&mut self, rays: &[Ray]) -> Result<GpuAnswers<bool>> {
+    pub(crate) fn any(&mut self, rays: &[Ray]) -> Result<Answered<bool>> {
         let mut hits = vec![false; rays.len()];
         let Self { gpu, batch } = self;
         let (context, scene, tracer) = (&gpu.context, &gpu.scene, &*gpu.tracer);
@@ -60,9 +52,9 @@ impl GpuRays {
         Ok(self.answers(hits, seconds))
     }
 
-    fn answers<T>(&mut self, hits: Vec<T>, seconds: f64) -> GpuAnswers<T> {
+    fn answers<T>(&mut self, hits: Vec<T>, seconds: f64) -> Answered<T> {
         let kernel = self.batch.take_kernel_time().as_secs_f64();
-        GpuAnswers {
+        Answered {
             hits,
             seconds,
             kernel_seconds: (kernel > 0.0).then_some(kernel),

@@ -6,6 +6,8 @@
 )]
 
 mod applies;
+mod caster;
+mod certify;
 mod compare;
 mod devices;
 mod display;
@@ -74,6 +76,7 @@ fn after_help() -> String {
 enum Commands {
     Render(render::RenderArgs),
     Trace(trace::TraceArgs),
+    Certify(certify::CertifyArgs),
     Compare(compare::CompareArgs),
     Show(show::ShowArgs),
     Info(info::InfoArgs),
@@ -134,6 +137,10 @@ fn run(arguments: Vec<OsString>) -> Result<ExitCode> {
         Commands::Trace(args) => {
             use_threads(args.threads)?;
             trace::trace(args, given)?;
+        }
+        Commands::Certify(args) => {
+            use_threads(args.threads)?;
+            certify::certify(args, given)?;
         }
         Commands::Compare(args) => return compare::compare(args),
         Commands::Show(args) => show::show(args)?,

@@ -4,8 +4,7 @@ use std::sync::Arc;
 
 use anyhow::{Result, ensure};
 use clap::ValueEnum;
-use glam::Vec2;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use isophote_scene::{
     Camera, LightKind, Ray, Scene, Tracer,
     sample::{Frame, Sampler, cosine_hemisphere, uniform_sphere, uniform_triangle},
@@ -21,10 +20,14 @@ pub(crate) enum RayKind {
     Coherent,
     /// From the surfaces seen all around the camera to the lights
     Shadow,
+    /// From the surfaces seen all around the camera, almost along them
+    Grazing,
 }
 
 /// How far rays start above their surface, in diagonals of the scene.
 const LIFT: f32 = 1e-5;
+/// The sine of the steepest grazing ray.
+const GRAZING: f32 = 0.01;
 /// How much of the way to a light a shadow ray goes.
 const SHADOW_SHARE: f32 = 1.0 - 1e-4;
 
@@ -40,11 +43,12 @@ pub(crate) fn make(
     match kind {
         RayKind::Coherent => Ok(coherent(camera, count)),
         RayKind::Diffuse => from_surfaces(scene, tracer, camera, count, seed, &|start, sampler| {
+            Some(start.leave(cosine_hemisphere(sampler.get_2d(1))))
+        }),
+        RayKind::Grazing => from_surfaces(scene, tracer, camera, count, seed, &|start, sampler| {
             let local = cosine_hemisphere(sampler.get_2d(1));
-            Some(Ray::new(
-                start.origin,
-                Frame::new(start.normal).to_world(local),
-            ))
+            let along = local.truncate().normalize_or(Vec2::X);
+            Some(start.leave(along.extend(GRAZING * local.z).normalize()))
         }),
         RayKind::Shadow => {
             let targets = Target::all(scene);
@@ -61,6 +65,11 @@ pub(crate) fn make(
     }
 }
 
+/// Whether shadow rays can be aimed at anything.
+pub(crate) fn has_targets(scene: &Scene) -> bool {
+    !Target::all(scene).is_empty()
+}
+
 fn coherent(camera: &Camera, count: usize) -> Vec<Ray> {
     let side = (count as f64).sqrt().ceil() as u32;
     (0..count as u32)
@@ -73,6 +82,13 @@ fn coherent(camera: &Camera, count: usize) -> Vec<Ray> {
 struct Start {
     origin: Vec3,
     normal: Vec3,
+}
+
+impl Start {
+    /// A ray in a direction by the surface's own axes, +Z along the normal.
+    fn leave(&self, local: Vec3) -> Ray {
+        Ray::new(self.origin, Frame::new(self.normal).to_world(local))
+    }
 }
 
 fn from_surfaces(

@@ -68,12 +68,12 @@ impl Ground {
     /// Builds the tracer; `adapter` is a part of a GPU's name.
     pub(crate) fn build(choice: Choice, adapter: Option<&str>, plan: &Plan<'_>) -> Result<Self> {
         match choice {
-            Choice::Cpu(TracerChoice::Bvh) if !plan.args.are_leaves_exact() => boxes(plan),
+            Choice::Cpu(TracerChoice::BvhBoxes) => boxes(plan),
             Choice::Cpu(choice) => Ok(Self::Cpu {
                 built: choice.build(plan)?,
                 exact: match choice {
-                    TracerChoice::Ldi | TracerChoice::Field => Some(TracerChoice::Bvh.build(plan)?),
                     TracerChoice::Bvh | TracerChoice::BruteForce => None,
+                    _ => Some(TracerChoice::Bvh.build(plan)?),
                 },
             }),
             #[cfg(feature = "gpu")]

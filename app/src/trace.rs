@@ -2,26 +2,20 @@
 
 use std::{path::PathBuf, sync::Arc};
 
-#[cfg(not(feature = "gpu"))]
-use anyhow::bail;
 use anyhow::{Context, Result, ensure};
 use clap::{ArgMatches, Args, ValueEnum};
-use isophote_scene::{Hit, Ray, Selection, SurfaceId, Tracer, check_writable};
-use rayon::prelude::*;
+use isophote_scene::{Hit, Ray, Selection, SurfaceId, check_writable};
 use serde::Serialize;
 
-#[cfg(feature = "gpu")]
-use crate::gpu_rays::GpuRays;
 use crate::{
     applies::refuse,
+    caster::{Answered, Caster},
     maps::MapsInfo,
     npy,
-    output::{
-        PROGRAM, Program, Voice, device, has_suffix, memory_peak_bytes, print, print_json, timed,
-    },
+    output::{PROGRAM, Program, Voice, has_suffix, memory_peak_bytes, print, print_json, timed},
     rays::{self, RayKind},
     scene_args::{SceneArgs, choose_camera, note_moving, require_geometry},
-    tracers::{AnyTracer, BuiltTracer, Choice, Device, Plan, TracerArgs, choose},
+    tracers::{AnyTracer, Device, Plan, TracerArgs, choose},
     values,
 };
 
@@ -167,7 +161,7 @@ pub(crate) fn trace(args: &TraceArgs, given: &ArgMatches) -> Result<()> {
     };
     let (built, build_seconds) = timed(|| {
         let _wheel = voice.wheel("building the tracer");
-        Built::new(choice, args.adapter.as_deref(), &plan)
+        Caster::build(choice, args.adapter.as_deref(), &plan)
     });
     let mut built = built?;
     let mut report = Report {
@@ -200,7 +194,7 @@ pub(crate) fn trace(args: &TraceArgs, given: &ArgMatches) -> Result<()> {
         npy::write_rays(&args.output, &rays)?;
     } else {
         warn_of_lengths(&rays, voice);
-        let traced = built.trace(&rays, args.mode, args.repeat)?;
+        let traced = trace_all(&mut built, &rays, args.mode, args.repeat)?;
         report.mode = Some(args.mode);
         report.hits = Some(
             traced
@@ -235,152 +229,37 @@ fn warn_of_lengths(rays: &[Ray], voice: Voice) {
     }
 }
 
-/// A tracer that is ready.
-enum Built {
-    Cpu(BuiltTracer),
-    #[cfg(feature = "gpu")]
-    Gpu(Box<GpuRays>),
-}
-
-impl Built {
-    fn new(choice: Choice, adapter: Option<&str>, plan: &Plan<'_>) -> Result<Self> {
-        match choice {
-            Choice::Cpu(choice) => choice.build(plan).map(Self::Cpu),
-            #[cfg(feature = "gpu")]
-            Choice::Gpu(choice) => {
-                let rays = GpuRays::build(choice, adapter, plan)?;
-                Ok(Self::Gpu(Box::new(rays)))
-            }
-            #[cfg(not(feature = "gpu"))]
-            Choice::Gpu(_) => {
-                bail!("no GPU {adapter:?}: this program was built without its feature `gpu`")
-            }
-        }
-    }
-
-    fn on_cpu(&self) -> Option<&dyn Tracer> {
-        match self {
-            Self::Cpu(built) => Some(&*built.tracer),
-            #[cfg(feature = "gpu")]
-            Self::Gpu(_) => None,
-        }
-    }
-
-    fn bytes(&self) -> usize {
-        match self {
-            Self::Cpu(built) => built.bytes,
-            #[cfg(feature = "gpu")]
-            Self::Gpu(rays) => rays.gpu.bytes,
-        }
-    }
-
-    fn maps(&self) -> Option<Box<MapsInfo>> {
-        match self {
-            Self::Cpu(built) => built.maps.clone(),
-            #[cfg(feature = "gpu")]
-            Self::Gpu(_) => None,
-        }
-    }
-
-    fn device(&self) -> String {
-        match self {
-            Self::Cpu(_) => device(),
-            #[cfg(feature = "gpu")]
-            Self::Gpu(rays) => rays.gpu.device(),
-        }
-    }
-
-    fn trace(&mut self, rays: &[Ray], mode: Mode, repeat: u32) -> Result<Traced> {
-        match self {
-            Self::Cpu(built) => Ok(trace_all(&*built.tracer, rays, mode, repeat)),
-            #[cfg(feature = "gpu")]
-            Self::Gpu(gpu) => trace_on_gpu(gpu, rays, mode, repeat),
-        }
-    }
-}
-
-/// Five numbers for each ray, and the median of the seconds it took.
+/// Five numbers for each ray, and the medians of the seconds it took.
 struct Traced {
     hits: Vec<f32>,
     seconds: f64,
     kernel_seconds: Option<f64>,
 }
 
-#[cfg(feature = "gpu")]
-fn trace_on_gpu(gpu: &mut GpuRays, rays: &[Ray], mode: Mode, repeat: u32) -> Result<Traced> {
+fn trace_all(caster: &mut Caster, rays: &[Ray], mode: Mode, repeat: u32) -> Result<Traced> {
+    match mode {
+        Mode::Closest => repeated(repeat, closest_row, || caster.closest(rays)),
+        Mode::Any => repeated(repeat, |&hit| any_row(hit), || caster.any(rays)),
+    }
+}
+
+fn repeated<T>(
+    repeat: u32,
+    row: impl Fn(&T) -> [f32; 5],
+    mut trace: impl FnMut() -> Result<Answered<T>>,
+) -> Result<Traced> {
     let (mut seconds, mut kernel_seconds, mut hits) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..repeat {
-        let (time, kernel_time) = match mode {
-            Mode::Closest => {
-                let answers = gpu.closest(rays)?;
-                hits = answers.hits.iter().flat_map(closest_row).collect();
-                (answers.seconds, answers.kernel_seconds)
-            }
-            Mode::Any => {
-                let answers = gpu.any(rays)?;
-                hits = answers.hits.iter().flat_map(|&hit| any_row(hit)).collect();
-                (answers.seconds, answers.kernel_seconds)
-            }
-        };
-        seconds.push(time);
-        kernel_seconds.extend(kernel_time);
+        let answered = trace()?;
+        seconds.push(answered.seconds);
+        kernel_seconds.extend(answered.kernel_seconds);
+        hits = answered.hits;
     }
     Ok(Traced {
-        hits,
+        hits: hits.iter().flat_map(row).collect(),
         seconds: median(seconds),
         kernel_seconds: (!kernel_seconds.is_empty()).then(|| median(kernel_seconds)),
     })
-}
-
-fn trace_all(tracer: &dyn Tracer, rays: &[Ray], mode: Mode, repeat: u32) -> Traced {
-    match mode {
-        Mode::Closest => {
-            let mut hits = vec![None; rays.len()];
-            let seconds = median_seconds(rays, &mut hits, repeat, |rays, hits| {
-                tracer.closest_hits(rays, hits);
-            });
-            Traced {
-                hits: hits.iter().flat_map(closest_row).collect(),
-                seconds,
-                kernel_seconds: None,
-            }
-        }
-        Mode::Any => {
-            let mut hits = vec![false; rays.len()];
-            let seconds = median_seconds(rays, &mut hits, repeat, |rays, hits| {
-                tracer.any_hits(rays, hits);
-            });
-            Traced {
-                hits: hits.iter().flat_map(|&hit| any_row(hit)).collect(),
-                seconds,
-                kernel_seconds: None,
-            }
-        }
-    }
-}
-
-/// Batches are as large as they can be, for tracers that sort rays, and small enough to share out.
-fn median_seconds<T: Send>(
-    rays: &[Ray],
-    hits: &mut [T],
-    repeat: u32,
-    trace: impl Fn(&[Ray], &mut [T]) + Sync,
-) -> f64 {
-    let batch = rays
-        .len()
-        .div_ceil(4 * rayon::current_num_threads())
-        .max(8192);
-    let seconds = (0..repeat)
-        .map(|_| {
-            let work = || {
-                rays.par_chunks(batch)
-                    .zip(hits.par_chunks_mut(batch))
-                    .for_each(|(rays, hits)| trace(rays, hits));
-            };
-            timed(work).1
-        })
-        .collect();
-    median(seconds)
 }
 
 fn median(mut seconds: Vec<f64>) -> f64 {

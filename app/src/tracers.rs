@@ -7,8 +7,8 @@ use crate::gpu::has_hardware;
 use anyhow::{Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use isophote_scene::{
-    BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Camera, Leaves, Levels, Scene, Selection,
-    Tracer,
+    Answers, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Camera, Leaves, Levels, Scene,
+    Selection, Tracer,
 };
 
 use crate::{
@@ -22,6 +22,8 @@ use crate::{
 pub(crate) enum TracerChoice {
     /// Exact, by a bounding volume hierarchy
     Bvh,
+    /// The boxes around triangles, by the same hierarchy
+    BvhBoxes,
     /// Exact, by testing every triangle: slow, for checking
     BruteForce,
     /// Layered depth images: see --ldi-layers
@@ -35,6 +37,8 @@ pub(crate) enum TracerChoice {
 pub(crate) enum AnyTracer {
     /// CPU: exact, by a bounding volume hierarchy
     Bvh,
+    /// CPU: the boxes around triangles, unless they hold an end of the ray: imperfect visibility
+    BvhBoxes,
     /// CPU: exact, by testing every triangle: slow, for checking
     BruteForce,
     /// CPU or GPU: layered depth images: see --ldi-layers
@@ -71,6 +75,7 @@ impl AnyTracer {
     fn choice(self, on_gpu: bool) -> Choice {
         match self {
             Self::Bvh => Choice::Cpu(TracerChoice::Bvh),
+            Self::BvhBoxes => Choice::Cpu(TracerChoice::BvhBoxes),
             Self::BruteForce => Choice::Cpu(TracerChoice::BruteForce),
             Self::Ldi if on_gpu => Choice::Gpu(GpuTracerChoice::Ldi),
             Self::Ldi => Choice::Cpu(TracerChoice::Ldi),
@@ -89,6 +94,25 @@ impl AnyTracer {
 }
 
 impl Choice {
+    /// The exact tracer of the same device.
+    pub(crate) fn exact(self) -> Self {
+        match self {
+            Self::Cpu(_) => Self::Cpu(TracerChoice::Bvh),
+            Self::Gpu(_) => Self::Gpu(GpuTracerChoice::ComputeBvh),
+        }
+    }
+
+    /// What its answers hold.
+    pub(crate) fn answers(self) -> Answers {
+        match self {
+            Self::Cpu(TracerChoice::BvhBoxes | TracerChoice::Field)
+            | Self::Gpu(GpuTracerChoice::Boxes | GpuTracerChoice::ComputeBoxes) => {
+                Answers::Distance
+            }
+            _ => Answers::Surface,
+        }
+    }
+
     /// As on the command line.
     pub(crate) fn name(self) -> String {
         let of = |one: &&AnyTracer| {
@@ -155,12 +179,9 @@ pub(crate) enum GpuTracerChoice {
 /// What can be chosen of a tracer.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct TracerArgs {
-    /// How the tracer bvh holds instances; the answers do not depend on it
+    /// How the tracers bvh and bvh-boxes hold instances; the answers do not depend on it
     #[arg(long, value_enum, value_name = "LEVELS", default_value = "auto")]
     bvh_levels: BvhLevels,
-    /// What the tracer bvh tests rays against; camera rays and direct light are always traced against triangles
-    #[arg(long, value_enum, value_name = "LEAVES", default_value = "triangles")]
-    bvh_leaves: BvhLeaves,
     #[command(flatten)]
     pub(crate) ldi: LdiArgs,
     #[command(flatten)]
@@ -177,20 +198,7 @@ enum BvhLevels {
     Two,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum BvhLeaves {
-    /// Triangles: exact
-    Triangles,
-    /// The boxes around triangles, unless they hold an end of the ray: imperfect visibility
-    Boxes,
-}
-
 impl TracerArgs {
-    /// Whether the tracer bvh is exact.
-    pub(crate) fn are_leaves_exact(&self) -> bool {
-        self.bvh_leaves == BvhLeaves::Triangles
-    }
-
     pub(crate) fn bvh_options(&self) -> BvhOptions {
         BvhOptions {
             levels: match self.bvh_levels {
@@ -205,13 +213,12 @@ impl TracerArgs {
     /// Refuses what was asked of another tracer, or cannot be.
     pub(crate) fn check(&self, choice: Choice) -> Result<()> {
         ensure!(
-            choice == Choice::Cpu(TracerChoice::Bvh) || self.bvh_levels == BvhLevels::Auto,
-            "--bvh-levels is for the tracer bvh; {} has none",
+            matches!(
+                choice,
+                Choice::Cpu(TracerChoice::Bvh | TracerChoice::BvhBoxes)
+            ) || self.bvh_levels == BvhLevels::Auto,
+            "--bvh-levels is for the tracers bvh and bvh-boxes; {} has none",
             choice.name()
-        );
-        ensure!(
-            choice == Choice::Cpu(TracerChoice::Bvh) || self.are_leaves_exact(),
-            "--bvh-leaves is for the tracer bvh; on GPUs the tracers boxes and compute-boxes test boxes"
         );
         self.field.check()?;
         self.ldi.check(matches!(choice, Choice::Gpu(_)))
@@ -254,6 +261,13 @@ impl TracerChoice {
     pub(crate) fn build(self, plan: &Plan<'_>) -> Result<BuiltTracer> {
         match self {
             Self::Bvh => build::<BvhTracer>(plan, &plan.args.bvh_options()),
+            Self::BvhBoxes => build::<BvhTracer>(
+                plan,
+                &BvhOptions {
+                    leaves: Leaves::Boxes,
+                    ..plan.args.bvh_options()
+                },
+            ),
             Self::BruteForce => build::<BruteForceTracer>(plan, &()),
             Self::Ldi => plan.args.ldi.build(plan),
             Self::Field => plan.args.field.build(plan),

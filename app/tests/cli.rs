@@ -511,7 +511,7 @@ fn the_technique_igi_renders() {
     assert!(bias("igi.exr").abs() < 0.05, "{}", bias("igi.exr"));
     // Boxes hide more than the triangles in them.
     let igi = ["--technique=igi", "--igi-paths=256"];
-    render(&[&igi[..], &["--bvh-leaves=boxes", "-o", "boxes.exr"]].concat());
+    render(&[&igi[..], &["--tracer=bvh-boxes", "-o", "boxes.exr"]].concat());
     let boxes = bias("boxes.exr");
     assert!(boxes < -0.01 && boxes > -0.6, "{boxes}");
     for (flags, expected) in [
@@ -520,12 +520,8 @@ fn the_technique_igi_renders() {
         (&["--technique=igi", "--igi-interleaving=9x1"], "3x3"),
         (&["--igi-paths=4"], "--technique igi"),
         (
-            &["--bvh-leaves=boxes", "--quantity=indirect"],
+            &["--tracer=bvh-boxes", "--quantity=indirect"],
             "the secondary tracer",
-        ),
-        (
-            &["--tracer=ldi", "--bvh-leaves=boxes"],
-            "--bvh-leaves is for",
         ),
         (&["--technique=ldi", "--igi-paths=4"], "--technique igi"),
     ] {

@@ -272,15 +272,15 @@ impl<'a> Bench<'a> {
         };
         let count = self.arguments.conformance;
         let report = conformance(&self.scene, tracer, &self.exact, &tolerances, count, 0);
-        let kinds = report.kinds.iter().map(|kind| {
-            let of_rays = |count: usize| count as f64 / kind.rays as f64;
+        let kinds = report.kinds.iter().map(|(kind, found)| {
+            let of_rays = |count: usize| count as f64 / found.rays as f64;
             json!({
-                "kind": format!("{:?}", kind.kind),
-                "leaks": kind.leak_rate(),
-                "false_hits": of_rays(kind.false_hits),
-                "false_misses": of_rays(kind.false_misses),
-                "early": of_rays(kind.early),
-                "late": of_rays(kind.late),
+                "kind": format!("{kind:?}"),
+                "leaks": found.leak_rate(),
+                "false_hits": of_rays(found.false_hits),
+                "false_misses": of_rays(found.false_misses),
+                "early": of_rays(found.early),
+                "late": of_rays(found.late),
             })
         });
         kinds.collect()

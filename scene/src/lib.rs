@@ -60,9 +60,9 @@ pub use self::{
     surface::{SurfaceMaterial, SurfacePoint, facing},
     texture::{ColorSpace, Filter, Texture, Wrap, linear_to_srgb, srgb_to_linear},
     trace::{
-        Answers, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Confident, Directions, Hit,
-        Leaves, Levels, ParallelTracer, Ray, Selection, Shear, SurfaceId, Tracer, WithFallback,
-        WorldTriangle, check_transforms, world_triangles,
+        Agreement, Answers, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Confident,
+        Directions, Hit, Leaves, Levels, ParallelTracer, Ray, Selection, Shear, SurfaceId, Tracer,
+        WithFallback, WorldTriangle, check_transforms, world_triangles,
     },
 };
 

@@ -10,7 +10,7 @@ use std::fmt;
 use glam::{Vec2, Vec3};
 
 use crate::{
-    Aabb, Answers, Hit, Ray, Scene, SurfaceId, Tracer,
+    Aabb, Agreement, Answers, Hit, Ray, Scene, SurfaceId, Tracer,
     sample::{Frame, Sampler, cosine_hemisphere, uniform_sphere, uniform_triangle},
 };
 
@@ -40,55 +40,27 @@ impl Tolerances {
 /// What the suite found.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Report {
-    /// One entry per kind of rays.
-    pub kinds: Vec<KindReport>,
+    /// How well the tracer answered each kind of rays.
+    pub kinds: Vec<(RayKind, Agreement)>,
     /// What was broken, in words; empty when the tracer passes.
     pub violations: Vec<String>,
 }
 
-/// How a tracer answered one kind of rays.
-#[derive(Clone, Debug, PartialEq)]
-pub struct KindReport {
-    /// The kind.
-    pub kind: RayKind,
-    /// Rays asked.
-    pub rays: usize,
-    /// Rays that hit something according to the oracle.
-    pub hits: usize,
-    /// Hits where the oracle has none.
-    pub false_hits: usize,
-    /// Misses where the oracle has a hit.
-    pub false_misses: usize,
-    /// Hits behind the oracle's by more than the error in t.
-    pub late: usize,
-    /// Hits before the oracle's by more than the error in t.
-    pub early: usize,
-    /// |t − oracle's t| in metres at 50, 90, 99, 99.9 and 100 % of the rays that both say hit.
-    pub t_error: [f32; 5],
-}
-
-impl KindReport {
-    /// Share of the oracle's hits that the tracer missed or passed.
-    pub fn leak_rate(&self) -> f64 {
-        (self.false_misses + self.late) as f64 / self.hits.max(1) as f64
-    }
-}
-
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for kind in &self.kinds {
+        for (kind, found) in &self.kinds {
             writeln!(
                 f,
                 "{:<12} {:>8} rays, {:>8} hit; false hits {}, false misses {}, late {}, early {}; error in t \
                  50/90/99/99.9/100 %: {:?}",
-                format!("{:?}", kind.kind),
-                kind.rays,
-                kind.hits,
-                kind.false_hits,
-                kind.false_misses,
-                kind.late,
-                kind.early,
-                kind.t_error
+                format!("{kind:?}"),
+                found.rays,
+                found.hits,
+                found.false_hits,
+                found.false_misses,
+                found.late,
+                found.early,
+                found.t_error
             )?;
         }
         self.violations
@@ -251,20 +223,17 @@ pub fn conformance(
         let answers: Vec<Option<Hit>> = rays.iter().map(|ray| tracer.closest_hit(ray)).collect();
         let truth: Vec<Option<Hit>> = rays.iter().map(|ray| oracle.closest_hit(ray)).collect();
         consistent(scene, tracer, kind, &rays, &answers, &mut report.violations);
-        let measured = measure(
-            kind,
-            &answers,
-            &truth,
-            tolerances.t_error,
-            scene.bounds().diagonal(),
-        );
+        let diagonal = scene.bounds().diagonal();
+        let allowed = |t: f32| tolerances.t_error * t.max(diagonal);
+        let found = Agreement::of(&answers, &truth, allowed);
         judge(
-            &measured,
+            kind,
+            &found,
             tracer.answers(),
             tolerances,
             &mut report.violations,
         );
-        report.kinds.push(measured);
+        report.kinds.push((kind, found));
     }
     report
 }
@@ -386,48 +355,9 @@ fn consistent(
     }
 }
 
-fn measure(
-    kind: RayKind,
-    answers: &[Option<Hit>],
-    truth: &[Option<Hit>],
-    t_error: f32,
-    diagonal: f32,
-) -> KindReport {
-    let mut report = KindReport {
-        kind,
-        rays: answers.len(),
-        hits: 0,
-        false_hits: 0,
-        false_misses: 0,
-        late: 0,
-        early: 0,
-        t_error: [0.0; 5],
-    };
-    let mut errors = Vec::new();
-    for pair in answers.iter().zip(truth) {
-        report.hits += usize::from(pair.1.is_some());
-        match pair {
-            (Some(_), None) => report.false_hits += 1,
-            (None, Some(_)) => report.false_misses += 1,
-            (None, None) => {}
-            (Some(hit), Some(truth)) => {
-                let (error, allowed) = (hit.t - truth.t, t_error * truth.t.max(diagonal));
-                report.late += usize::from(error > allowed);
-                report.early += usize::from(-error > allowed);
-                errors.push(error.abs());
-            }
-        }
-    }
-    errors.sort_by(f32::total_cmp);
-    if let Some(last) = errors.len().checked_sub(1) {
-        report.t_error =
-            [0.5, 0.9, 0.99, 0.999, 1.0].map(|share| errors[(share * last as f64) as usize]);
-    }
-    report
-}
-
 fn judge(
-    report: &KindReport,
+    kind: RayKind,
+    found: &Agreement,
     answers: Answers,
     allowed: &Tolerances,
     violations: &mut Vec<String>,
@@ -435,27 +365,26 @@ fn judge(
     let mut check = |name: &str, value: f64, allowed: f64| {
         if value > allowed {
             violations.push(format!(
-                "{:?}: {name} {value:.2e}, allowed {allowed:.2e}",
-                report.kind
+                "{kind:?}: {name} {value:.2e}, allowed {allowed:.2e}"
             ));
         }
     };
     check(
         "share of false hits",
-        report.false_hits as f64 / report.rays.max(1) as f64,
+        found.false_hit_rate(),
         allowed.false_hits,
     );
     if answers >= Answers::Distance {
-        check("leak rate", report.leak_rate(), allowed.leaks);
+        check("leak rate", found.leak_rate(), allowed.leaks);
         check(
             "share of early hits",
-            report.early as f64 / report.hits.max(1) as f64,
+            found.early as f64 / found.hits.max(1) as f64,
             allowed.early,
         );
     } else {
         check(
             "leak rate",
-            report.false_misses as f64 / report.hits.max(1) as f64,
+            found.false_misses as f64 / found.hits.max(1) as f64,
             allowed.leaks,
         );
     }

@@ -8,6 +8,7 @@
 //! Tracers are made by [`BuildTracer`]: which instances take part is said by a [`Selection`], and
 //! [`BuildTracer::update`] moves them.
 
+mod agreement;
 pub(crate) mod brute_force;
 pub(crate) mod bvh;
 mod fallback;
@@ -19,6 +20,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Affine3A, Vec2, Vec3};
 
 pub use self::{
+    agreement::Agreement,
     brute_force::{BruteForceTracer, WorldTriangle, check_transforms, world_triangles},
     bvh::{BvhOptions, BvhTracer, Leaves, Levels},
     fallback::{Confident, WithFallback},

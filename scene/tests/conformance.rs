@@ -53,7 +53,10 @@ fn exact_tracers_conform() {
                 let report = conformance(&scene, &bvh, &oracle, &Tolerances::EXACT, count, 1);
                 let what = format!("{name} at {scale}, {levels:?}\n{report}");
                 assert!(report.violations.is_empty(), "{what}");
-                assert!(report.kinds.iter().all(|kind| kind.hits > 0), "{what}");
+                assert!(
+                    report.kinds.iter().all(|(_, found)| found.hits > 0),
+                    "{what}"
+                );
             }
         }
     }

@@ -24,10 +24,7 @@ const CPU: Tracer = Tracer {
     name: "bvh on the CPU",
     flags: &["--device=cpu", "--tracer=bvh"],
     others: &[
-        (
-            "boxes",
-            &["--device=cpu", "--tracer=bvh", "--bvh-leaves=boxes"],
-        ),
+        ("boxes", &["--device=cpu", "--tracer=bvh-boxes"]),
         ("layered depth images", &["--device=cpu", "--tracer=ldi"]),
     ],
 };
