@@ -5,7 +5,10 @@ use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 use glam::{Vec2, Vec3};
 use isophote_scene::sample::cosine_hemisphere;
 
-use crate::math::{quarter, whole};
+use crate::{
+    lanes::Lanes,
+    math::{quarter, whole},
+};
 
 /// How the directions around +z lie in the unit square.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,17 +72,17 @@ impl Directions {
 
     /// Four cells around the place of a unit direction with z ≥ 0 and their weights, which sum to 1 and change continuously
     /// with it.
-    pub(crate) fn around(self, direction: Vec3, resolution: i32) -> ([i32; 4], [f32; 4]) {
+    pub(crate) fn around(self, direction: Vec3, resolution: u32) -> ([u32; 4], [f32; 4]) {
         let place = self.place(direction);
-        if self != Self::Polar {
-            return corners_at(place.x, place.y, resolution);
-        }
-        // The second angle goes around.
-        let (mut cells, weights) = corners_at(place.x, place.y, resolution);
-        let row = (place.y * resolution as f32 + 0.5) as i32;
-        for (index, cell) in cells.iter_mut().enumerate() {
-            let wrapped = (row - 1 + index as i32 / 2).rem_euclid(resolution);
-            *cell = wrapped * resolution + *cell % resolution;
+        let (cells, weights) = corners_at(place.x, place.y, resolution as f32);
+        let mut cells = cells.map(|cell| cell as u32);
+        if self == Self::Polar {
+            // The second angle goes around.
+            let row = (place.y * resolution as f32 + 0.5) as u32;
+            for (index, cell) in cells.iter_mut().enumerate() {
+                let wrapped = (row + resolution - 1 + index as u32 / 2) % resolution;
+                *cell = wrapped * resolution + *cell % resolution;
+            }
         }
         (cells, weights)
     }
@@ -94,55 +97,46 @@ impl Directions {
     /// The cell of a map that a unit direction with z ≥ 0 lies in.
     pub fn cell(self, direction: Vec3, resolution: u32) -> u32 {
         let place = self.place(direction);
-        cell_at(place.x, place.y, resolution as i32) as u32
+        cell_at(place.x, place.y, resolution as f32) as u32
     }
 }
 
 /// The cell that a place lies in.
 #[inline(always)]
-pub(crate) fn cell_at(x: f32, y: f32, resolution: i32) -> i32 {
-    let scale = resolution as f32;
-    let x = whole(x * scale).min(resolution - 1);
-    let y = whole(y * scale).min(resolution - 1);
-    y * resolution + x
+pub(crate) fn cell_at<L: Lanes>(x: L, y: L, resolution: f32) -> L {
+    let (scale, last) = (L::splat(resolution), L::splat(resolution - 1.0));
+    whole(y * scale).min(last) * scale + whole(x * scale).min(last)
 }
 
 /// Four cells around a place, and their weights; beyond the square's edge the cell at it.
 #[inline(always)]
-pub(crate) fn corners_at(x: f32, y: f32, resolution: i32) -> ([i32; 4], [f32; 4]) {
-    let scale = resolution as f32;
+pub(crate) fn corners_at<L: Lanes>(x: L, y: L, resolution: f32) -> ([L; 4], [L; 4]) {
+    let (scale, one) = (L::splat(resolution), L::splat(1.0));
     // From 1 on, so that the conversion rounds down.
-    let (x, y) = (x * scale + 0.5, y * scale + 0.5);
+    let (x, y) = (x * scale + L::splat(0.5), y * scale + L::splat(0.5));
     let (column, row) = (whole(x), whole(y));
-    let (right, down) = (x - column as f32, y - row as f32);
-    let inside = |index: i32| (index - 1).max(0).min(resolution - 1);
-    let (left, right_of) = (inside(column), inside(column + 1));
-    let (above, below) = (inside(row) * resolution, inside(row + 1) * resolution);
+    let (right, down) = (x - column, y - row);
+    let (left, up) = (one - right, one - down);
+    let inside = |index: L| index.max(L::splat(0.0)).min(L::splat(resolution - 1.0));
+    let (west, east) = (inside(column - one), inside(column));
+    let (north, south) = (inside(row - one) * scale, inside(row) * scale);
     (
-        [
-            above + left,
-            above + right_of,
-            below + left,
-            below + right_of,
-        ],
-        [
-            (1.0 - right) * (1.0 - down),
-            right * (1.0 - down),
-            (1.0 - right) * down,
-            right * down,
-        ],
+        [north + west, north + east, south + west, south + east],
+        [left * up, right * up, left * down, right * down],
     )
 }
 
 /// The inverse of [`concentric_disk`](isophote_scene::sample::concentric_disk).
 #[inline(always)]
-pub(crate) fn concentric(x: f32, y: f32) -> (f32, f32) {
-    let (width, height) = (x.abs(), y.abs());
-    let radius = (x * x + y * y).sqrt().min(1.0);
+pub(crate) fn concentric<L: Lanes>(x: L, y: L) -> (L, L) {
+    let k = L::splat;
+    let radius = (x * x + y * y).sqrt().min(k(1.0));
     // 0 on the x axis, 1 on the diagonal, 2 on the y axis.
-    let turn = 2.0 * quarter(width, height);
-    let (a, b) = (radius * (2.0 - turn).min(1.0), radius * turn.min(1.0));
-    (0.5 + 0.5 * a.copysign(x), 0.5 + 0.5 * b.copysign(y))
+    let turn = k(2.0) * quarter(x.abs(), y.abs());
+    let a = radius * (k(2.0) - turn).min(k(1.0));
+    let b = radius * turn.min(k(1.0));
+    let half = k(0.5);
+    (half + half * a.copysign(x), half + half * b.copysign(y))
 }
 
 /// Half the angle that a map's cells span, where they are the largest, radians: how far off a direction may be.

@@ -13,7 +13,7 @@
 //! | paper | code |
 //! |---|---|
 //! | §3.1, Algorithm 1 | [`Field::build`] |
-//! | §3.2, Algorithm 2: q′ = M⁻¹·q, (u, v), (θ, φ), the sum of both distances | `cpu/tracer.rs`, `cpu/look_up.rs`, [`LookUp::Nearest`] |
+//! | §3.2, Algorithm 2: q′ = M⁻¹·q, (u, v), (θ, φ), the sum of both distances | `cpu/span.rs`, `cpu/look_up.rs`, [`LookUp::Nearest`] |
 //! | §3.3, Slater's points and his inverse; spherical coordinates | [`Positions::nearest`] |
 //! | §3.4, polar, rejection and concentric mapping, Malley's method | [`Directions::place`] |
 //! | §4, lossless compression | [`Field::save`] |
@@ -39,6 +39,7 @@
 pub mod cpu;
 mod directions;
 mod error;
+mod lanes;
 mod math;
 mod params;
 mod positions;
@@ -49,9 +50,10 @@ pub use self::{
         build::alone,
         field::Field,
         look_up::LookUp,
+        object::{Object, ObjectParams, meshes},
         split::split,
         together::Together,
-        tracer::{FieldTracer, Object, ObjectParams, meshes},
+        tracer::FieldTracer,
     },
     directions::Directions,
     error::{Error, Result},

@@ -6,7 +6,6 @@ use std::{
     sync::{Arc, LazyLock, Mutex, PoisonError, Weak},
 };
 
-use glam::Vec3;
 use isophote_scene::Mesh;
 use siphasher::sip128::{Hasher128, SipHasher13};
 
@@ -20,8 +19,8 @@ pub struct Field {
     pub(crate) params: FieldParams,
     pub(crate) sphere: Sphere,
     pub(crate) mesh_key: [u64; 2],
-    /// The positions on the unit sphere.
-    pub(crate) points: Arc<[Vec3]>,
+    /// The positions on the unit sphere; the fourth number fills a register.
+    pub(crate) points: Arc<[[f32; 4]]>,
     pub(crate) samples: Samples,
 }
 
@@ -57,6 +56,15 @@ impl Field {
         self.mesh_key == mesh_key(mesh)
     }
 
+    /// Whether it is sampled and kept as another one.
+    pub(crate) fn is_like(&self, other: &Self) -> bool {
+        let max_bytes = other.params.max_bytes;
+        FieldParams {
+            max_bytes,
+            ..self.params
+        } == other.params
+    }
+
     /// Bytes of its samples; the positions are shared by all fields that have the same.
     pub fn bytes(&self) -> usize {
         self.samples.bytes()
@@ -87,13 +95,11 @@ impl Field {
 
     /// The distances of all cells, map after map, in radii; infinite where nothing is hit.
     pub(crate) fn distances(&self) -> Vec<f32> {
-        use super::samples::{Store, with_store};
         let (cells, cosines) = (self.params.cells(), self.params.cosines());
         let all = (0..self.points.len())
             .flat_map(|position| (0..cells).map(move |cell| (position, cell)));
-        with_store!(&self.samples, cells, store => {
-            all.map(|(position, cell)| store.distance(position, cell, cosines[cell])).collect()
-        })
+        all.map(|(position, cell)| self.samples.distance(position, cell, cells, cosines[cell]))
+            .collect()
     }
 }
 
@@ -118,15 +124,16 @@ pub(crate) fn mesh_key(mesh: &Mesh) -> [u64; 2] {
 }
 
 /// The points of an arrangement, once for all fields that live.
-fn points(positions: Positions) -> Arc<[Vec3]> {
-    static TABLES: LazyLock<Mutex<HashMap<String, Weak<[Vec3]>>>> = LazyLock::new(Mutex::default);
+fn points(positions: Positions) -> Arc<[[f32; 4]]> {
+    type Tables = HashMap<String, Weak<[[f32; 4]]>>;
+    static TABLES: LazyLock<Mutex<Tables>> = LazyLock::new(Mutex::default);
     let mut tables = TABLES.lock().unwrap_or_else(PoisonError::into_inner);
     let key = format!("{positions:?}");
     if let Some(points) = tables.get(&key).and_then(Weak::upgrade) {
         return points;
     }
-    let points: Arc<[Vec3]> = (0..positions.count())
-        .map(|index| positions.point(index))
+    let points: Arc<[[f32; 4]]> = (0..positions.count())
+        .map(|index| positions.point(index).extend(0.0).to_array())
         .collect();
     tables.retain(|_, points| points.strong_count() > 0);
     tables.insert(key, Arc::downgrade(&points));

@@ -1,6 +1,6 @@
 //! What is kept of a field's rays: distances from the position in radii of the sphere, 0..=2, or that nothing was hit.
 
-use crate::Storage;
+use crate::{Storage, lanes::Lanes};
 
 /// All samples of a field: map after map, row after row.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,9 +25,18 @@ const WORDS: f32 = 65_534.0;
 const BYTES: f32 = 254.0;
 
 /// One way of keeping samples, to look up in.
-pub(crate) trait Store: Copy {
-    /// A ray's distance in radii, infinite where nothing is hit. `cosine` is that of the ray to the inward normal.
-    fn distance(self, position: usize, cell: usize, cosine: f32) -> f32;
+pub(crate) trait Store<'a>: Copy {
+    /// Of samples that are kept this way; others are read as misses.
+    fn of(samples: &'a Samples, cells: usize) -> Self;
+
+    /// Distances in radii, infinite where nothing is hit: one map and one of its cells a lane. `cosines` are those of
+    /// the rays to the inward normals.
+    fn distances<L: Lanes>(
+        stores: L::Array<Self>,
+        positions: L::Array<u32>,
+        cells: L,
+        cosines: L,
+    ) -> L;
 }
 
 /// Distances by index.
@@ -37,66 +46,140 @@ pub(crate) struct Maps<'a, T> {
     cells: usize,
 }
 
+impl<T: Copy> Maps<'_, T> {
+    #[inline(always)]
+    fn read(&self, position: u32, cell: u32) -> Option<T> {
+        let index = position as usize * self.cells + cell as usize;
+        self.samples.get(index).copied()
+    }
+}
+
 /// Bits by index.
 #[derive(Clone, Copy)]
 pub(crate) struct BitMaps<'a> {
-    bits: &'a Bits,
+    words: &'a [u64],
+    depths: &'a [f32],
     /// Words of a map.
-    words: usize,
+    map: usize,
 }
 
-impl Store for Maps<'_, f32> {
+impl<'a> Store<'a> for Maps<'a, f32> {
+    fn of(samples: &'a Samples, cells: usize) -> Self {
+        let samples = match samples {
+            Samples::Float(samples) => &samples[..],
+            _ => &[],
+        };
+        Self { samples, cells }
+    }
+
     #[inline(always)]
-    fn distance(self, position: usize, cell: usize, _: f32) -> f32 {
-        self.samples[position * self.cells + cell]
+    fn distances<L: Lanes>(stores: L::Array<Self>, positions: L::Array<u32>, cells: L, _: L) -> L {
+        let cells = cells.to_whole();
+        L::of(
+            #[inline(always)]
+            |lane| {
+                let sample = stores[lane].read(positions[lane], cells[lane]);
+                sample.unwrap_or(f32::INFINITY)
+            },
+        )
     }
 }
 
-impl Store for Maps<'_, u16> {
-    #[inline(always)]
-    fn distance(self, position: usize, cell: usize, _: f32) -> f32 {
-        decode(self.samples[position * self.cells + cell])
-    }
-}
+/// Of codes, the largest of which is a miss.
+macro_rules! store_codes {
+    ($code:ty, $kind:ident, $largest:expr) => {
+        impl<'a> Store<'a> for Maps<'a, $code> {
+            fn of(samples: &'a Samples, cells: usize) -> Self {
+                let samples = match samples {
+                    Samples::$kind(samples) => &samples[..],
+                    _ => &[],
+                };
+                Self { samples, cells }
+            }
 
-impl Store for Maps<'_, u8> {
-    #[inline(always)]
-    fn distance(self, position: usize, cell: usize, _: f32) -> f32 {
-        decode_byte(self.samples[position * self.cells + cell])
-    }
-}
-
-impl Store for BitMaps<'_> {
-    #[inline(always)]
-    fn distance(self, position: usize, cell: usize, cosine: f32) -> f32 {
-        let word = self.bits.words[position * self.words + cell / 64];
-        if word >> (cell % 64) & 1 == 0 {
-            return f32::INFINITY;
+            #[inline(always)]
+            fn distances<L: Lanes>(
+                stores: L::Array<Self>,
+                positions: L::Array<u32>,
+                cells: L,
+                _: L,
+            ) -> L {
+                let cells = cells.to_whole();
+                let codes = L::of_whole(
+                    #[inline(always)]
+                    |lane| {
+                        let code = stores[lane].read(positions[lane], cells[lane]);
+                        u32::from(code.unwrap_or(<$code>::MAX))
+                    },
+                );
+                let hits = codes.less(L::splat($largest + 0.5));
+                let distances = codes * L::splat(2.0 / $largest);
+                L::select(hits, distances, L::splat(f32::INFINITY))
+            }
         }
+    };
+}
+store_codes!(u16, Word, WORDS);
+store_codes!(u8, Byte, BYTES);
+
+impl<'a> Store<'a> for BitMaps<'a> {
+    fn of(samples: &'a Samples, cells: usize) -> Self {
+        let (words, depths): (&[u64], &[f32]) = match samples {
+            Samples::Bit(bits) => (&bits.words, &bits.depths),
+            _ => (&[], &[]),
+        };
+        Self {
+            words,
+            depths,
+            map: cells.div_ceil(64),
+        }
+    }
+
+    #[inline(always)]
+    fn distances<L: Lanes>(
+        stores: L::Array<Self>,
+        positions: L::Array<u32>,
+        cells: L,
+        cosines: L,
+    ) -> L {
+        let cells = cells.to_whole();
+        let depths = L::of(
+            #[inline(always)]
+            |lane| {
+                let (store, cell) = (stores[lane], cells[lane] as usize);
+                let position = positions[lane] as usize;
+                let word = store.words.get(position * store.map + cell / 64);
+                let hits = word.is_some_and(|word| word >> (cell % 64) & 1 == 1);
+                let depth = store.depths.get(position).filter(|_| hits);
+                depth.copied().unwrap_or(f32::INFINITY)
+            },
+        );
+        let hits = depths.less(L::splat(f32::INFINITY));
         // Not beyond the sphere's other side, where grazing rays would reach the plane.
-        let end = 2.0 * cosine.max(0.0);
-        (self.bits.depths[position] / cosine.max(1e-3)).min(end)
+        let end = L::splat(2.0) * cosines.max(L::splat(0.0));
+        let distances = (depths / cosines.max(L::splat(1e-3))).min(end);
+        L::select(hits, distances, depths)
     }
 }
 
-/// Calls some code with the [`Store`] of samples: compiled once for each.
+/// Calls some code with the [`Store`] of a way of keeping samples: compiled once for each.
 macro_rules! with_store {
-    ($samples:expr, $cells:expr, $store:ident => $code:expr) => {
-        match $samples {
-            $crate::cpu::samples::Samples::Float(samples) => {
-                let $store = $crate::cpu::samples::Maps::of(samples, $cells);
+    ($storage:expr, $store:ident => $code:expr) => {
+        match $storage {
+            $crate::Storage::Float => {
+                type $store<'a> = $crate::cpu::samples::Maps<'a, f32>;
                 $code
             }
-            $crate::cpu::samples::Samples::Word(samples) => {
-                let $store = $crate::cpu::samples::Maps::of(samples, $cells);
+            $crate::Storage::Word => {
+                type $store<'a> = $crate::cpu::samples::Maps<'a, u16>;
                 $code
             }
-            $crate::cpu::samples::Samples::Byte(samples) => {
-                let $store = $crate::cpu::samples::Maps::of(samples, $cells);
+            $crate::Storage::Byte => {
+                type $store<'a> = $crate::cpu::samples::Maps<'a, u8>;
                 $code
             }
-            $crate::cpu::samples::Samples::Bit(bits) => {
-                let $store = $crate::cpu::samples::BitMaps::of(bits, $cells);
+            $crate::Storage::Bit => {
+                type $store<'a> = $crate::cpu::samples::BitMaps<'a>;
                 $code
             }
         }
@@ -104,41 +187,8 @@ macro_rules! with_store {
 }
 pub(crate) use with_store;
 
-impl<'a, T> Maps<'a, T> {
-    pub(crate) fn of(samples: &'a [T], cells: usize) -> Self {
-        Self { samples, cells }
-    }
-}
-
-impl<'a> BitMaps<'a> {
-    pub(crate) fn of(bits: &'a Bits, cells: usize) -> Self {
-        Self {
-            bits,
-            words: cells.div_ceil(64),
-        }
-    }
-}
-
 fn encode(distance: f32, largest: f32) -> f32 {
     (0.5 * distance.clamp(0.0, 2.0) * largest).round()
-}
-
-#[inline(always)]
-fn decode(code: u16) -> f32 {
-    if code == u16::MAX {
-        f32::INFINITY
-    } else {
-        f32::from(code) * (2.0 / WORDS)
-    }
-}
-
-#[inline(always)]
-fn decode_byte(code: u8) -> f32 {
-    if code == u8::MAX {
-        f32::INFINITY
-    } else {
-        f32::from(code) * (2.0 / BYTES)
-    }
 }
 
 impl Samples {
@@ -165,6 +215,23 @@ impl Samples {
                 }
                 Self::Bit(bits)
             }
+        }
+    }
+
+    /// One distance in radii.
+    pub(crate) fn distance(&self, position: usize, cell: usize, cells: usize, cosine: f32) -> f32 {
+        with_store!(self.storage(), S => {
+            let stores = [<S<'_> as Store<'_>>::of(self, cells)];
+            S::distances::<f32>(stores, [position as u32], cell as f32, cosine)
+        })
+    }
+
+    fn storage(&self) -> Storage {
+        match self {
+            Self::Float(_) => Storage::Float,
+            Self::Word(_) => Storage::Word,
+            Self::Byte(_) => Storage::Byte,
+            Self::Bit(_) => Storage::Bit,
         }
     }
 
@@ -218,8 +285,7 @@ mod tests {
         ] {
             let samples = Samples::of(distances.clone(), storage, 16, &[1.0; 16]);
             for (index, distance) in distances.iter().enumerate() {
-                let found =
-                    with_store!(&samples, 16, store => store.distance(index / 16, index % 16, 1.0));
+                let found = samples.distance(index / 16, index % 16, 16, 1.0);
                 let same = found == *distance || (found - distance).abs() <= error;
                 assert!(same, "{storage:?} {index}: {found} {distance}");
             }
@@ -230,7 +296,7 @@ mod tests {
     fn bits_have_the_mean_depth() {
         let distances = vec![0.5, f32::INFINITY, 1.0, f32::INFINITY];
         let samples = Samples::of(distances, Storage::Bit, 4, &[1.0, 1.0, 0.5, 1.0]);
-        let at = |cell, cosine| with_store!(&samples, 4, store => store.distance(0, cell, cosine));
+        let at = |cell, cosine| samples.distance(0, cell, 4, cosine);
         assert_eq!([at(0, 1.0), at(2, 0.5)], [0.5, 1.0]);
         assert_eq!([at(1, 1.0), at(3, 1.0)], [f32::INFINITY; 2]);
     }
