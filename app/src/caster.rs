@@ -106,7 +106,7 @@ impl Caster {
 }
 
 /// Batches are as large as they can be, for tracers that sort rays, and small enough to share out.
-fn in_batches<T: Clone + Send>(
+pub(crate) fn in_batches<T: Clone + Send>(
     rays: &[Ray],
     miss: T,
     trace: impl Fn(&[Ray], &mut [T]) + Sync,

@@ -24,7 +24,7 @@ use crate::{
     display::false_color,
     maps::MapsInfo,
     metrics::Errors,
-    output::{PROGRAM, Program, Voice, has_suffix, print, print_json},
+    output::{PROGRAM, Program, Voice, advance, has_suffix, print, print_json},
     rays::{self, RayKind},
     reference::{Ground, Order},
     scene_args::{SceneArgs, choose_camera, note_moving, require_geometry, require_light},
@@ -462,11 +462,7 @@ impl CertifyArgs {
             min_d: None,
         };
         let bar = voice.bar();
-        let advance = |done: u64, total: u64| {
-            bar.set_length(total);
-            bar.set_position(bar.position().max(done));
-        };
-        let made = ground.render(plan.scene, order, &advance);
+        let made = ground.render(plan.scene, order, &advance(&bar));
         bar.finish_and_clear();
         let estimates = made?.render.estimates.into_iter();
         let values = estimates.map(|estimate| estimate.values).next();

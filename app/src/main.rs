@@ -18,9 +18,11 @@ mod gpu;
 mod gpu_rays;
 mod info;
 mod maps;
+mod matrix;
 mod metrics;
 mod npy;
 mod output;
+mod pairs;
 mod rays;
 mod reference;
 mod render;
@@ -77,6 +79,7 @@ enum Commands {
     Render(render::RenderArgs),
     Trace(trace::TraceArgs),
     Certify(certify::CertifyArgs),
+    Matrix(matrix::MatrixArgs),
     Compare(compare::CompareArgs),
     Show(show::ShowArgs),
     Info(info::InfoArgs),
@@ -141,6 +144,10 @@ fn run(arguments: Vec<OsString>) -> Result<ExitCode> {
         Commands::Certify(args) => {
             use_threads(args.threads)?;
             certify::certify(args, given)?;
+        }
+        Commands::Matrix(args) => {
+            use_threads(args.threads)?;
+            return matrix::matrix(args);
         }
         Commands::Compare(args) => return compare::compare(args),
         Commands::Show(args) => show::show(args)?,

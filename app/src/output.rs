@@ -74,6 +74,14 @@ impl Voice {
     }
 }
 
+/// Tells a bar how far work is.
+pub(crate) fn advance(bar: &ProgressBar) -> impl Fn(u64, u64) + Sync + '_ {
+    |done, total| {
+        bar.set_length(total);
+        bar.set_position(bar.position().max(done));
+    }
+}
+
 fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
     match ProgressStyle::with_template(template) {
         Ok(style) => bar.with_style(style),

@@ -12,19 +12,20 @@ use isophote_scene::{
     gpu::{self, GpuTracer},
 };
 use isophote_scene::{
-    BuildTracer, BvhTracer, Camera, Leaves, Pass, Scene, Selection, Tracer,
+    BuildTracer, BvhTracer, Camera, Leaves, Pass, Ray, Scene, Selection, Tracer,
     reference::{self, Progress, Quantity, Render, Settings, Tracers},
 };
 
+use crate::{
+    caster::in_batches,
+    maps::MapsInfo,
+    output::device,
+    tracers::{BuiltTracer, Choice, Plan, TracerChoice},
+};
 #[cfg(feature = "gpu")]
 use crate::{
     gpu::{Gpu, build},
     tracers::GpuTracerChoice,
-};
-use crate::{
-    maps::MapsInfo,
-    output::device,
-    tracers::{BuiltTracer, Choice, Plan, TracerChoice},
 };
 
 /// A tracer that is ready, where it runs.
@@ -115,6 +116,24 @@ impl Ground {
         match self {
             Self::Cpu { .. } => None,
             Self::Gpu { gpu, exact } => Some((gpu, exact.as_deref().unwrap_or(&*gpu.tracer))),
+        }
+    }
+
+    /// Whether the tracer hits anything on each ray.
+    pub(crate) fn any_hits(&self, rays: &[Ray]) -> Result<Vec<bool>> {
+        match self {
+            Self::Cpu { built, .. } => {
+                let any = |rays: &[Ray], hits: &mut [bool]| built.tracer.any_hits(rays, hits);
+                Ok(in_batches(rays, false, any).hits)
+            }
+            #[cfg(feature = "gpu")]
+            Self::Gpu { gpu, .. } => {
+                let (context, scene, tracer) = (&gpu.context, &gpu.scene, &*gpu.tracer);
+                let mut hits = vec![false; rays.len()];
+                let mut batch = gpu::RayBatch::new(context, scene, tracer)?;
+                batch.any_hits(context, scene, tracer, rays, &mut hits)?;
+                Ok(hits)
+            }
         }
     }
 

@@ -15,13 +15,14 @@ use crate::{
     applies::Idle,
     maps::MapsInfo,
     output::{
-        PROGRAM, Program, Voice, has_suffix, memory_available_bytes, memory_peak_bytes, print_json,
-        timed,
+        PROGRAM, Program, Voice, advance, has_suffix, memory_available_bytes, memory_peak_bytes,
+        print_json, timed,
     },
+    pairs,
     reference::{Ground, Made, Order},
     scene_args::{SceneArgs, choose_camera, note_moving, require_geometry, require_light},
     technique::{Technique, TechniqueArgs, TechniqueChoice},
-    tracers::{AnyTracer, Choice, Device, Plan, TracerArgs, choose},
+    tracers::{AnyTracer, Device, Plan, TracerArgs, choose},
     values,
 };
 
@@ -245,11 +246,7 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
     check_settings(args)?;
     check_memory(args)?;
     let choice = choose(args.device, args.tracer(), args.adapter.as_deref())?;
-    ensure!(
-        args.chosen().runs_on_gpu() || matches!(choice, Choice::Cpu(_)),
-        "the technique {} runs on the CPU so far: leave out --device gpu and --adapter, and choose a tracer there",
-        args.technique.name()
-    );
+    pairs::check(args.technique, args.chosen(), choice, &args.quantity)?;
     args.tracer_args.check(choice)?;
     settings.insert("tracer".into(), choice.name());
     let mut seconds = Seconds::default();
@@ -358,7 +355,6 @@ fn check_settings(args: &RenderArgs) -> Result<()> {
         );
         check_writable(path)?;
     }
-    args.technique.check(args.chosen(), &args.quantity)?;
     ensure!(
         args.d_max.is_finite() || !args.quantity.contains(&Quantity::Obscurance),
         "obscurance needs a finite --d-max, since it grows with the distance over that"
@@ -411,11 +407,7 @@ fn make(
     voice: Voice,
 ) -> Result<Made> {
     let bar = voice.bar();
-    let advance = |done: u64, total: u64| {
-        bar.set_length(total);
-        bar.set_position(bar.position().max(done));
-    };
-    let made = args.chosen().render(scene, ground, order, &advance);
+    let made = args.chosen().render(scene, ground, order, &advance(&bar));
     bar.finish_and_clear();
     made
 }

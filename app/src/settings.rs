@@ -9,8 +9,18 @@ use clap::{Arg, ArgAction, ArgMatches, Command, parser::ValueSource};
 use crate::applies::Idle;
 
 /// Flags that say where results go and how fast, not what is in them.
-const NOT_SETTINGS: [&str; 10] = [
-    "output", "settings", "quiet", "json", "threads", "device", "adapter", "ldi_save", "ldi_load",
+const NOT_SETTINGS: [&str; 12] = [
+    "output",
+    "settings",
+    "quiet",
+    "json",
+    "threads",
+    "device",
+    "adapter",
+    "ldi_save",
+    "ldi_load",
+    "field_save",
+    "field_load",
     "help",
 ];
 

@@ -8,7 +8,7 @@ mod reference;
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use isophote_scene::{
-    Scene,
+    Answers, Scene,
     reference::{Progress, Quantity},
 };
 
@@ -61,6 +61,16 @@ pub(crate) trait Technique {
     /// Whether it runs on GPUs.
     fn runs_on_gpu(&self) -> bool {
         true
+    }
+
+    /// Whether a tracer is only asked what the camera sees.
+    fn has_own_tracer(&self) -> bool {
+        false
+    }
+
+    /// The least a tracer of its secondary rays must answer.
+    fn needs(&self, quantity: Quantity) -> Answers {
+        quantity.needs()
     }
 
     /// Settings that stand in headers as they are here, whatever the command line says.

@@ -87,7 +87,15 @@ impl AnyTracer {
         }
     }
 
-    fn name(self) -> String {
+    /// Whether it can be asked for there.
+    pub(crate) fn runs_on(self, device: Device) -> bool {
+        match self.choice(device == Device::Gpu) {
+            Choice::Cpu(_) => device != Device::Gpu,
+            Choice::Gpu(_) => device != Device::Cpu,
+        }
+    }
+
+    pub(crate) fn name(self) -> String {
         self.to_possible_value()
             .map_or_else(String::new, |value| value.get_name().to_owned())
     }

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use glam::Vec3;
 use isophote_instant_gi::{Filter, GiParams, InstantGi, Pattern, Stages};
 use isophote_scene::{
-    Scene,
+    Answers, Scene,
     reference::{Estimate, Layers, Normals, Progress, Quantity, Render},
 };
 
@@ -133,6 +133,11 @@ impl Technique for IgiTechnique {
         let why = "the technique igi counts light paths: --igi-paths";
         idle.extend(Idle::all(["spp"], why));
         idle
+    }
+
+    fn needs(&self, _: Quantity) -> Answers {
+        // What is seen in mirrors is asked of the exact tracer.
+        Answers::Occlusion
     }
 
     fn header(&self, order: &Order<'_>) -> Vec<(&'static str, String)> {

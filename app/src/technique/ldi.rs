@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use glam::Vec3;
 use isophote_ldi::{Hybrid, HybridParams, Shadows, Stages};
 use isophote_scene::{
-    Scene,
+    Answers, Scene,
     reference::{Estimate, Layers, Normals, Progress, Quantity, Render},
 };
 
@@ -129,6 +129,10 @@ impl Technique for LdiTechnique {
         let why = "the technique ldi counts rays: --ldi-diffuse-rays, --ldi-glossy-rays, --ldi-light-rays";
         idle.extend(Idle::all(["spp"], why));
         idle
+    }
+
+    fn needs(&self, _: Quantity) -> Answers {
+        Answers::Surface
     }
 
     fn tracer(&self) -> Option<AnyTracer> {

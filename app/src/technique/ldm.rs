@@ -117,6 +117,10 @@ impl Technique for LdmTechnique {
         false
     }
 
+    fn has_own_tracer(&self) -> bool {
+        true
+    }
+
     fn costs(&self) -> [u64; 2] {
         [1, 512]
     }
