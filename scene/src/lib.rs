@@ -73,4 +73,6 @@ mod readmes {
     struct Crate;
     #[doc = include_str!("../../README.md")]
     struct Workspace;
+    #[doc = include_str!("../../docs/adding.md")]
+    struct Adding;
 }
