@@ -6,6 +6,7 @@
 )]
 
 mod applies;
+mod bake;
 mod caster;
 mod certify;
 mod compare;
@@ -53,6 +54,7 @@ Examples:
   isophote render builtin:cornell -o cornell.png          look at a built-in scene
   isophote info hall.glb                                  what is in a file
   isophote render hall.glb --quantity ao -o ao.exr        calculate ambient occlusion
+  isophote bake hall.glb -o baked.glb                     put it into the file
   isophote compare ao.exr reference.exr                   how far off is it
 
 Lengths are metres, angles degrees, light is linear and radiometric. `isophote COMMAND --help` explains every flag. \
@@ -80,6 +82,7 @@ enum Commands {
     Trace(trace::TraceArgs),
     Certify(certify::CertifyArgs),
     Matrix(matrix::MatrixArgs),
+    Bake(bake::BakeArgs),
     Compare(compare::CompareArgs),
     Show(show::ShowArgs),
     Info(info::InfoArgs),
@@ -104,13 +107,12 @@ fn run(arguments: Vec<OsString>) -> Result<ExitCode> {
         Ok(matches) => matches,
         Err(error) => return refuse(&error),
     };
-    if let Some(("render", given)) = matches.subcommand()
-        && let Some(path) = given.get_one::<std::path::PathBuf>("settings")
+    if let Some((name, given)) = matches.subcommand()
+        && let Some(header) = stored_settings(name, given)?
     {
-        let header = stored_header(path)?;
-        let render = subcommand(&command, "render")?;
+        let repeated = subcommand(&command, name)?;
         let with = |idle: &[Idle]| {
-            let stored = settings::repeat(render, given, &header, idle);
+            let stored = settings::repeat(repeated, given, &header, idle);
             parse(&command, &[&arguments[..], &stored[..]].concat())
         };
         // Which of the stored settings have an effect is only known beside the given ones.
@@ -120,6 +122,7 @@ fn run(arguments: Vec<OsString>) -> Result<ExitCode> {
         };
         let idle = match Cli::from_arg_matches(&all)?.command {
             Commands::Render(args) => args.idle(),
+            Commands::Bake(args) => args.idle(),
             _ => Vec::new(),
         };
         matches = match with(&idle) {
@@ -149,6 +152,13 @@ fn run(arguments: Vec<OsString>) -> Result<ExitCode> {
             use_threads(args.threads)?;
             return matrix::matrix(args);
         }
+        Commands::Bake(args) => {
+            use_threads(args.threads)?;
+            let idle = args.idle();
+            applies::refuse(&idle, given)?;
+            let stored = settings::store(subcommand(&command, name)?, given, &idle);
+            bake::bake(args, stored)?;
+        }
         Commands::Compare(args) => return compare::compare(args),
         Commands::Show(args) => show::show(args)?,
         Commands::Info(args) => info::info(args)?,
@@ -159,6 +169,18 @@ fn run(arguments: Vec<OsString>) -> Result<ExitCode> {
 
 fn parse(command: &Command, arguments: &[OsString]) -> clap::error::Result<ArgMatches> {
     command.clone().try_get_matches_from(arguments)
+}
+
+/// The settings that a command is to repeat, where it is told to: those of a picture, or of the parts of a bake.
+fn stored_settings(name: &str, given: &ArgMatches) -> Result<Option<BTreeMap<String, String>>> {
+    let path = |id| given.get_one::<std::path::PathBuf>(id);
+    match name {
+        "render" => path("settings").map(|path| stored_header(path)).transpose(),
+        "bake" => path("merge")
+            .map(|path| bake::settings_of_part(path))
+            .transpose(),
+        _ => Ok(None),
+    }
 }
 
 /// The settings in a picture's header.

@@ -9,8 +9,8 @@ use anyhow::{Result, bail, ensure};
 use clap::Args;
 use glam::Vec3;
 use isophote_scene::{
-    Aabb, Camera, Environment, EnvironmentMap, Image, InstanceMask, LightKind, LoadOptions,
-    Material, Mesh, Scene, builtin, load_with,
+    Aabb, Camera, Environment, EnvironmentMap, GltfSource, Image, InstanceMask, LightKind,
+    LoadOptions, Material, Mesh, Scene, builtin, load_gltf, load_with,
 };
 
 use crate::{
@@ -55,7 +55,16 @@ pub(crate) struct SceneArgs {
 impl SceneArgs {
     /// Loads the scene, changes it, and says what the loader had to say.
     pub(crate) fn load(&self, scene: &str, voice: Voice) -> Result<Scene> {
-        let mut scene = self.load_one(scene)?;
+        self.changed(self.load_one(scene)?, voice)
+    }
+
+    /// As [`load`](Self::load), of a glTF file, with what else was in it. What is added to the scene comes last.
+    pub(crate) fn load_gltf(&self, scene: &str, voice: Voice) -> Result<(Scene, GltfSource)> {
+        let (scene, source) = load_gltf(Path::new(scene), &self.options())?;
+        Ok((self.changed(scene, voice)?, source))
+    }
+
+    fn changed(&self, mut scene: Scene, voice: Voice) -> Result<Scene> {
         if let Some(seconds) = self.time {
             scene.set_time(seconds);
         }
@@ -96,11 +105,14 @@ impl SceneArgs {
         if builtin::is_builtin(scene) {
             return Ok(builtin::build(scene)?);
         }
-        let options = LoadOptions {
+        Ok(load_with(Path::new(scene), &self.options())?)
+    }
+
+    fn options(&self) -> LoadOptions {
+        LoadOptions {
             scene: self.gltf_scene.clone(),
             memory_limit: self.memory_limit << 20,
-        };
-        Ok(load_with(Path::new(scene), &options)?)
+        }
     }
 
     fn add(&self, scene: &mut Scene, addition: &Addition) -> Result<()> {

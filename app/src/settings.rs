@@ -9,7 +9,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command, parser::ValueSource};
 use crate::applies::Idle;
 
 /// Flags that say where results go and how fast, not what is in them.
-const NOT_SETTINGS: [&str; 12] = [
+const NOT_SETTINGS: [&str; 14] = [
     "output",
     "settings",
     "quiet",
@@ -21,6 +21,8 @@ const NOT_SETTINGS: [&str; 12] = [
     "ldi_load",
     "field_save",
     "field_load",
+    "shard",
+    "merge",
     "help",
 ];
 

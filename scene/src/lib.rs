@@ -38,6 +38,8 @@ pub mod testing;
 mod texture;
 mod trace;
 
+#[cfg(feature = "gltf")]
+pub use self::load::{GltfElements, GltfInstance, GltfMesh, GltfPrimitive, GltfSource, load_gltf};
 pub use self::{
     animation::{Animation, Channel, Interpolation, Keys, Local, Node, Track},
     bsdf::{Bsdf, BsdfSample, MIRROR_ROUGHNESS, fresnel},

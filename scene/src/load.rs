@@ -26,6 +26,8 @@ mod warnings;
 
 use std::path::Path;
 
+#[cfg(feature = "gltf")]
+pub use self::gltf::{GltfElements, GltfInstance, GltfMesh, GltfPrimitive, GltfSource, load_gltf};
 use crate::{Error, Result, Scene};
 
 /// What to load of a file, and how much memory that may take.

@@ -6,6 +6,7 @@
 
 mod structure;
 mod tools;
+mod validator;
 mod vulkan;
 
 use std::time::{Duration, Instant};
@@ -20,7 +21,8 @@ pub(crate) struct Arguments {
     /// Only these steps: tools, structure, format, lints, features, docs, tests, doctests
     #[arg(value_name = "STEP", value_parser = STEPS.map(|step| step.name))]
     steps: Vec<String>,
-    /// Only say which tools are missing; otherwise root on Debian or Ubuntu gets them with apt-get, announced
+    /// Only say which tools are missing; otherwise root on Debian or Ubuntu gets them with apt-get, and the
+    /// Khronos validator comes with npm where that is; announced
     #[arg(long)]
     no_install: bool,
 }
@@ -35,6 +37,7 @@ const STEPS: [Step; 8] = [
         name: "tools",
         run: |arguments, _| {
             tools::require(!arguments.no_install)?;
+            validator::provide(!arguments.no_install);
             vulkan::provide(!arguments.no_install)
         },
     },

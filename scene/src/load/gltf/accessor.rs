@@ -4,11 +4,11 @@
 //! of them do lie there.
 
 use gltf_json::{
-    accessor::{Accessor, ComponentType, sparse::Sparse},
+    accessor::{Accessor, ComponentType, Type, sparse::Sparse},
     validation::Checked,
 };
 
-use super::document::Document;
+use super::{document::Document, source::GltfElements};
 use crate::{Result, load::budget::bytes_of};
 
 /// Elements at equal distances in a view; all of them are within `bytes`.
@@ -150,6 +150,51 @@ impl Document<'_> {
             count,
             elements,
             replaced,
+        })
+    }
+
+    /// A copy of an accessor's elements without gaps. Matrices, whose columns may have gaps, are refused.
+    pub(super) fn gathered(&self, index: usize) -> Result<GltfElements> {
+        let Layout {
+            accessor,
+            component_type,
+            components,
+            count,
+        } = self.layout(index)?;
+        if matches!(
+            accessor.type_,
+            Checked::Valid(Type::Mat2 | Type::Mat3 | Type::Mat4)
+        ) {
+            return Err(self.malformed(format!("accessor {index} holds matrices")));
+        }
+        let size = components * component_type.size();
+        let elements = self.elements(index, accessor, count, size)?;
+        self.budget
+            .claim("a copy of a mesh's vertices", bytes_of(count, size))?;
+        let mut bytes = match elements {
+            None => vec![0; count * size],
+            Some(elements) => {
+                let mut bytes = Vec::with_capacity(count * size);
+                (0..count).for_each(|i| bytes.extend_from_slice(elements.get(i)));
+                bytes
+            }
+        };
+        if let Some(sparse) = &accessor.sparse {
+            for (at, value) in self.sparse(index, sparse, count, size)? {
+                let place = bytes
+                    .get_mut(at * size..)
+                    .and_then(|rest| rest.get_mut(..size));
+                if let Some(place) = place {
+                    place.copy_from_slice(value);
+                }
+            }
+        }
+        Ok(GltfElements {
+            component_type: component_type.as_gl_enum(),
+            components,
+            size,
+            count,
+            bytes,
         })
     }
 

@@ -53,7 +53,8 @@ impl Document<'_> {
             })
     }
 
-    fn buffer(&self, index: usize) -> Result<&[u8]> {
+    /// The bytes of a buffer.
+    pub(super) fn buffer(&self, index: usize) -> Result<&[u8]> {
         let buffer = self.item(&self.root.buffers, "buffer", index)?;
         let bytes = match (self.bin(), &buffer.uri) {
             (Some(bin), None) if index == 0 => bin,

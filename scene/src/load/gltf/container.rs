@@ -20,6 +20,8 @@ pub(super) struct Parts {
     pub(super) json: Range<usize>,
     /// The binary chunk of a `.glb`, which is buffer 0.
     pub(super) bin: Option<Range<usize>>,
+    /// Kinds and places of other chunks.
+    pub(super) others: Vec<(u32, Range<usize>)>,
 }
 
 /// Tells a binary file from a text by its first bytes, not by its name, and finds its parts.
@@ -28,6 +30,7 @@ pub(super) fn split(path: &Path, bytes: &[u8]) -> Result<Parts> {
         return Ok(Parts {
             json: 0..bytes.len(),
             bin: None,
+            others: Vec::new(),
         });
     }
     let cut = || Error::malformed(path, "the file is cut off within its header");
@@ -43,7 +46,7 @@ pub(super) fn split(path: &Path, bytes: &[u8]) -> Result<Parts> {
             format!("is cut off: its header says {length} bytes, but there are {found}"),
         ));
     }
-    let (mut json, mut bin) = (None, None);
+    let (mut json, mut bin, mut others) = (None, None, Vec::new());
     let mut at = 12;
     while at < length {
         let header = word(bytes, at).zip(word(bytes, at + 4));
@@ -60,11 +63,11 @@ pub(super) fn split(path: &Path, bytes: &[u8]) -> Result<Parts> {
             JSON_CHUNK if json.is_none() => json = Some(chunk),
             BIN_CHUNK if bin.is_none() => bin = Some(chunk),
             // Chunks of other kinds are for extensions and may be skipped.
-            _ => {}
+            _ => others.push((kind, chunk)),
         }
     }
     let json = json.ok_or_else(|| Error::malformed(path, "has no JSON chunk"))?;
-    Ok(Parts { json, bin })
+    Ok(Parts { json, bin, others })
 }
 
 fn word(bytes: &[u8], at: usize) -> Option<u32> {
@@ -78,16 +81,29 @@ pub(super) fn parse<'a>(
     json: &[u8],
     budget: &'a Budget<'_>,
 ) -> Result<(Root, Borrowed<'a>)> {
-    let borrowed = budget.borrow("the JSON", json_memory(json))?;
-    // A byte order mark is wrong here, but harmless.
-    let json = json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(json);
-    let not_json = |error| Error::malformed(path, format!("is not valid glTF: {error}"));
-    let mut value: Value = serde_json::from_slice(json).map_err(not_json)?;
+    let (mut value, borrowed) = read(path, json, budget)?;
     check_version(path, &value)?;
     tidy_numbers(&mut value);
     tidy_omissions(&mut value);
-    let root = serde_json::from_value(value).map_err(not_json)?;
+    let root = serde_json::from_value(value).map_err(|error| not_json(path, &error))?;
     Ok((root, borrowed))
+}
+
+/// Reads the JSON as it is.
+pub(super) fn read<'a>(
+    path: &Path,
+    json: &[u8],
+    budget: &'a Budget<'_>,
+) -> Result<(Value, Borrowed<'a>)> {
+    let borrowed = budget.borrow("the JSON", json_memory(json))?;
+    // A byte order mark is wrong here, but harmless.
+    let json = json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(json);
+    let value = serde_json::from_slice(json).map_err(|error| not_json(path, &error))?;
+    Ok((value, borrowed))
+}
+
+fn not_json(path: &Path, error: &serde_json::Error) -> Error {
+    Error::malformed(path, format!("is not valid glTF: {error}"))
 }
 
 /// An upper estimate of the memory that a JSON text takes as values: short texts can stand for large ones.

@@ -3,12 +3,11 @@
 use std::{
     cell::{Cell, OnceCell},
     ops::Range,
-    path::Path,
 };
 
 use gltf_json::Root;
 
-use super::container;
+use super::{buffers::Fetched, container};
 use crate::{
     Dropped, Error, Result, Scene,
     load::{budget::Budget, context::Context},
@@ -47,10 +46,13 @@ pub(super) struct Document<'a> {
 }
 
 impl<'a> Document<'a> {
-    /// Reads a file and its JSON, and checks that its required extensions are supported.
-    pub(super) fn open(path: &'a Path, budget: &'a Budget<'a>) -> Result<Self> {
-        let context = Context::new(path, budget);
-        let (mut bytes, bytes_held) = context.read(path)?;
+    /// Reads a file's JSON, and checks that its required extensions are supported.
+    pub(super) fn new(
+        context: Context<'a>,
+        budget: &'a Budget<'a>,
+        (mut bytes, bytes_held): Fetched<'a>,
+    ) -> Result<Self> {
+        let path = context.path;
         let parts = container::split(path, &bytes)?;
         let (root, root_held) = container::parse(path, &bytes[parts.json], budget)?;
         root_held.keep();

@@ -12,6 +12,7 @@ use super::{
     accessor::{Floats, Integers},
     document::Document,
     materials::Materials,
+    source::{GltfMesh, GltfPrimitive},
 };
 use crate::{
     Aabb, Dropped, Material, Mesh, Result, Texture, clean, load::budget::bytes_of, unit_normal,
@@ -25,6 +26,7 @@ pub(super) struct Meshes<'a> {
     meshes: Vec<Arc<Mesh>>,
     /// Of each mesh: many nodes can ask for the same.
     bounds: Vec<Aabb>,
+    sources: Vec<GltfMesh>,
 }
 
 impl<'a> Meshes<'a> {
@@ -35,6 +37,7 @@ impl<'a> Meshes<'a> {
             index_of: HashMap::new(),
             meshes: Vec::new(),
             bounds: Vec::new(),
+            sources: Vec::new(),
         }
     }
 
@@ -46,10 +49,11 @@ impl<'a> Meshes<'a> {
         let json = self
             .document
             .item(&self.document.root.meshes, "mesh", index)?;
-        let mut mesh = self.convert(index, json)?;
+        let (mut mesh, source) = self.convert(index, json)?;
         self.document.drop_triangles(clean(&mut mesh));
         let place = (!mesh.triangles.is_empty()).then(|| {
             self.bounds.push(mesh.bounds());
+            self.sources.push(source);
             self.meshes.push(Arc::new(mesh));
             self.meshes.len() as u32 - 1
         });
@@ -62,22 +66,47 @@ impl<'a> Meshes<'a> {
         self.bounds[place as usize]
     }
 
-    pub(super) fn finish(self) -> (Vec<Arc<Mesh>>, Vec<Material>, Vec<Arc<Texture>>) {
+    /// The meshes, where each came from, their materials and textures.
+    pub(super) fn finish(self) -> Made {
         let (materials, textures) = self.materials.finish();
-        (self.meshes, materials, textures)
+        (self.meshes, self.sources, materials, textures)
     }
 
-    fn convert(&mut self, index: usize, json: &JsonMesh) -> Result<Mesh> {
-        let mut primitives = Vec::new();
-        for primitive in &json.primitives {
+    fn convert(&mut self, index: usize, json: &JsonMesh) -> Result<(Mesh, GltfMesh)> {
+        let (mut primitives, mut numbers) = (Vec::new(), Vec::new());
+        for (number, primitive) in json.primitives.iter().enumerate() {
             if let Some(triangles) = self.document.primitive(index, primitive)? {
                 let material = primitive.material.map(|material| material.value());
                 primitives.push((triangles, self.materials.get(material)?));
+                numbers.push(number);
             }
         }
-        Mesh::of(self.document, json, &primitives)
+        let mesh = Mesh::of(self.document, json, &primitives)?;
+        let mut first = 0;
+        let source = |(number, (primitive, _)): (usize, (Primitive<'_>, u32))| {
+            let end = first + primitive.sources.len() as u32;
+            GltfPrimitive {
+                primitive: number,
+                vertices: std::mem::replace(&mut first, end)..end,
+                count: primitive.positions.count,
+                sources: primitive.sources,
+            }
+        };
+        let source = GltfMesh {
+            mesh: index,
+            primitives: numbers.into_iter().zip(primitives).map(source).collect(),
+        };
+        Ok((mesh, source))
     }
 }
+
+/// Meshes, where each came from, their materials and textures.
+type Made = (
+    Vec<Arc<Mesh>>,
+    Vec<GltfMesh>,
+    Vec<Material>,
+    Vec<Arc<Texture>>,
+);
 
 /// Triangles and their vertices, still in the file's buffers.
 struct Primitive<'a> {

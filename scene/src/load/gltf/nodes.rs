@@ -10,14 +10,19 @@ use gltf_json::{
     validation::Checked,
 };
 
-use super::{animations, document::Document, meshes::Meshes};
+use super::{
+    animations,
+    document::Document,
+    meshes::Meshes,
+    source::{GltfInstance, Origins},
+};
 use crate::{
     Aabb, Animation, Camera, Instance, InstanceMask, Light, LightKind, Local, Node, Projection,
     Result, Scene, clean::LARGEST_COORDINATE,
 };
 
-/// Loads the scene of that name or number, or the default one.
-pub(super) fn load(document: &Document<'_>, scene: Option<&str>) -> Result<Scene> {
+/// Loads the scene of that name or number, or the default one, and says where its parts came from.
+pub(super) fn load(document: &Document<'_>, scene: Option<&str>) -> Result<(Scene, Origins)> {
     let roots = document.roots(scene)?;
     let (nodes, order) = document.hierarchy(&roots)?;
     let mut animation = Animation {
@@ -33,6 +38,7 @@ pub(super) fn load(document: &Document<'_>, scene: Option<&str>) -> Result<Scene
         document,
         meshes: Meshes::new(document),
         instances: Vec::new(),
+        origins: Vec::new(),
         lights: Vec::new(),
         cameras: Vec::new(),
         known_nodes: animation.nodes.len(),
@@ -40,6 +46,7 @@ pub(super) fn load(document: &Document<'_>, scene: Option<&str>) -> Result<Scene
     };
     for (place, &index) in order.iter().enumerate() {
         builder.node(
+            index,
             &document.root.nodes[index],
             &animation.nodes[place].name,
             world[place],
@@ -49,14 +56,19 @@ pub(super) fn load(document: &Document<'_>, scene: Option<&str>) -> Result<Scene
     let Builder {
         meshes,
         instances,
+        origins,
         lights,
         cameras,
         instance_nodes,
         ..
     } = builder;
     animation.nodes.extend(instance_nodes);
-    let (meshes, materials, textures) = meshes.finish();
-    Ok(Scene {
+    let (meshes, sources, materials, textures) = meshes.finish();
+    let origins = Origins {
+        meshes: sources,
+        instances: origins,
+    };
+    let scene = Scene {
         meshes,
         materials,
         textures,
@@ -65,7 +77,8 @@ pub(super) fn load(document: &Document<'_>, scene: Option<&str>) -> Result<Scene
         cameras,
         animation,
         ..Scene::default()
-    })
+    };
+    Ok((scene, origins))
 }
 
 impl Document<'_> {
@@ -182,6 +195,8 @@ struct Builder<'a> {
     document: &'a Document<'a>,
     meshes: Meshes<'a>,
     instances: Vec<Instance>,
+    /// Where each of them came from.
+    origins: Vec<GltfInstance>,
     lights: Vec<Light>,
     cameras: Vec<Camera>,
     /// How many nodes there are without the following.
@@ -194,6 +209,7 @@ impl Builder<'_> {
     /// Adds what hangs on a node; `moved_by` is its place in the animation if it moves.
     fn node(
         &mut self,
+        index: usize,
         node: &JsonNode,
         name: &str,
         transform: Affine3A,
@@ -206,7 +222,14 @@ impl Builder<'_> {
             return Ok(());
         }
         if let Some(mesh) = node.mesh {
-            self.instances(node, mesh.value(), name, transform, moved_by)?;
+            let before = self.instances.len();
+            let is_multiplied = self.instances(node, mesh.value(), name, transform, moved_by)?;
+            let new = self.instances[before..].iter();
+            self.origins.extend(new.map(|instance| GltfInstance {
+                node: index,
+                mesh: instance.mesh,
+                is_multiplied,
+            }));
         }
         if node.skin.is_some() {
             self.document
@@ -237,7 +260,7 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// Adds the mesh of a node, once or as often as an extension says.
+    /// Adds the mesh of a node, once or as often as an extension says; returns whether one does.
     fn instances(
         &mut self,
         node: &JsonNode,
@@ -245,13 +268,13 @@ impl Builder<'_> {
         name: &str,
         transform: Affine3A,
         moved_by: Option<u32>,
-    ) -> Result<()> {
+    ) -> Result<bool> {
         let Some(mesh) = self.meshes.get(mesh)? else {
-            return Ok(());
+            return Ok(false);
         };
         let Some(locals) = self.document.instancing(node)? else {
             self.instance(mesh, name, transform, moved_by);
-            return Ok(());
+            return Ok(false);
         };
         for local in locals {
             // What moves needs a node of its own to move by.
@@ -265,7 +288,7 @@ impl Builder<'_> {
             }
             self.instance(mesh, name, transform * local, moved_by.map(|_| place));
         }
-        Ok(())
+        Ok(true)
     }
 
     fn instance(&mut self, mesh: u32, name: &str, transform: Affine3A, moved_by: Option<u32>) {

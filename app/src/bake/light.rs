@@ -1,0 +1,250 @@
+//! Values for receivers, by the technique that was asked for.
+//!
+//! Receivers are put in order along a curve through space and cut into pieces of a fixed number, and every piece is computed on
+//! its own: so it does not matter who computes which piece, and layered depth maps are fitted around points that are close
+//! to each other.
+
+use std::ops::Range;
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use glam::{UVec3, Vec3};
+use isophote_ldm_ambient::{
+    MapParams, OcclusionParams,
+    cpu::{
+        Points, Triangles,
+        occlusion::{Occlusion, Sky},
+    },
+};
+use isophote_scene::{
+    Aabb, Receiver, Receivers, Scene, Selection, Tracer,
+    reference::{self, Progress, Quantity, Settings, Tracers},
+    sample::hash,
+};
+
+use crate::technique::TechniqueChoice;
+
+/// Receivers of a piece.
+const REFERENCE_PIECE: usize = 1 << 12;
+const LDM_PIECE: usize = 1 << 18;
+
+/// How the technique `ldm` bakes.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "The technique ldm")]
+pub(super) struct LdmArgs {
+    /// Maps; each answers for two opposite directions
+    #[arg(long, value_name = "N", default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
+    pub(super) ldm_maps: u32,
+    /// A map has at most R² pixels, around the receivers that are computed together
+    #[arg(long, value_name = "R", default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub(super) ldm_resolution: u32,
+    /// What is nearer is the surface itself [pixels of a map]
+    #[arg(long, value_name = "PIXELS", default_value_t = MapParams::default().tolerance, value_parser = crate::values::not_negative)]
+    pub(super) ldm_tolerance: f32,
+}
+
+/// What is to be computed, and how.
+pub(super) struct Light<'a> {
+    pub(super) scene: &'a Scene,
+    pub(super) tracers: Tracers<'a, dyn Tracer, dyn Tracer>,
+    pub(super) selection: &'a Selection,
+    pub(super) technique: TechniqueChoice,
+    pub(super) quantity: Quantity,
+    pub(super) settings: Settings,
+    pub(super) ldm: &'a LdmArgs,
+}
+
+/// What came of some pieces.
+#[derive(Default)]
+pub(super) struct Lit {
+    /// In the order of the pieces.
+    pub(super) values: Vec<Vec3>,
+    /// Rays, or look-ups in maps.
+    pub(super) rays: u64,
+    /// The noise of `values` as relRMSE, where the technique tells.
+    pub(super) noise: Option<f64>,
+}
+
+/// Refuses what a technique does not compute for receivers.
+pub(super) fn check(technique: TechniqueChoice, quantity: Quantity) -> Result<()> {
+    let name = technique.name();
+    match technique {
+        TechniqueChoice::Reference => {}
+        TechniqueChoice::Ldm => ensure!(
+            quantity.is_occlusion(),
+            "the technique ldm bakes ao and obscurance, but not {quantity}: its photons land in what a camera sees"
+        ),
+        TechniqueChoice::Ldi | TechniqueChoice::Igi => bail!(
+            "the technique {name} computes pictures, not vertices or texels: choose reference or ldm"
+        ),
+    }
+    Ok(())
+}
+
+/// How many receivers a piece has.
+pub(super) fn piece_size(technique: TechniqueChoice) -> usize {
+    match technique {
+        TechniqueChoice::Ldm => LDM_PIECE,
+        _ => REFERENCE_PIECE,
+    }
+}
+
+/// The numbers of receivers along a curve through space, so that neighbours are close to each other.
+pub(super) fn order(receivers: &[Receiver]) -> Vec<u32> {
+    let bounds = Aabb::around(receivers.iter().map(|receiver| receiver.point.position));
+    let extent = (bounds.max - bounds.min)
+        .max_element()
+        .max(f32::MIN_POSITIVE);
+    let code = |receiver: &Receiver| {
+        let cell = (receiver.point.position - bounds.min) / extent * 1023.0;
+        let UVec3 { x, y, z } = cell.max(Vec3::ZERO).as_uvec3();
+        spread(x) | spread(y) << 1 | spread(z) << 2
+    };
+    let mut keys: Vec<(u32, u32)> = receivers.iter().map(code).zip(0..).collect();
+    keys.sort_unstable();
+    keys.into_iter().map(|(_, number)| number).collect()
+}
+
+/// Ten bits with two empty ones between each.
+fn spread(x: u32) -> u32 {
+    let x = (x | x << 16) & 0x0300_00FF;
+    let x = (x | x << 8) & 0x0300_F00F;
+    let x = (x | x << 4) & 0x030C_30C3;
+    (x | x << 2) & 0x0924_9249
+}
+
+impl Light<'_> {
+    /// Computes some pieces of ordered receivers.
+    pub(super) fn compute(
+        &self,
+        receivers: &[Receiver],
+        order: &[u32],
+        pieces: &[usize],
+        progress: &dyn Progress,
+    ) -> Result<Lit> {
+        let size = piece_size(self.technique);
+        let range = |piece: usize| piece * size..order.len().min((piece + 1) * size);
+        let total: usize = pieces.iter().map(|&piece| range(piece).len()).sum();
+        let maps = match self.technique {
+            TechniqueChoice::Ldm => Some(Triangles::new(
+                self.scene,
+                &self.scene.transforms(),
+                self.selection,
+            )?),
+            _ => None,
+        };
+        let mut lit = Lit::default();
+        let (mut squares, mut sum) = (0.0, 0.0);
+        for &piece in pieces {
+            let range: Range<usize> = range(piece);
+            let points = order[range].iter().map(|&i| receivers[i as usize]);
+            let receivers = Receivers {
+                points: points.collect(),
+            };
+            let before = lit.values.len() as u64;
+            let count = receivers.points.len() as u64;
+            let advance = |done: u64, all: u64| {
+                let share = count * done / all.max(1);
+                progress.advance(before + share, total as u64);
+            };
+            match &maps {
+                Some(triangles) => self.by_maps(triangles, receivers, &advance, &mut lit)?,
+                None => {
+                    let (noise, mean) = self.by_rays(piece, &receivers, &advance, &mut lit)?;
+                    squares += count as f64 * (noise * mean).powi(2);
+                    sum += count as f64 * mean;
+                }
+            }
+        }
+        let noise = (squares * total as f64).sqrt() / sum;
+        lit.noise = Some(noise).filter(|noise| noise.is_finite() && *noise > 0.0);
+        ensure!(
+            lit.values.iter().all(|value| value.is_finite()),
+            "some values are not finite: the scene's lights or materials are out of all proportion"
+        );
+        Ok(lit)
+    }
+
+    /// Returns the noise and the mean.
+    fn by_rays(
+        &self,
+        piece: usize,
+        receivers: &Receivers,
+        progress: &dyn Progress,
+        lit: &mut Lit,
+    ) -> Result<(f64, f64)> {
+        let mut settings = self.settings;
+        // Every piece has random numbers of its own.
+        settings.seed ^= u64::from(hash(piece as u32)) << 32;
+        let quantities = [self.quantity];
+        let (estimates, rays) = reference::bake(
+            self.scene,
+            self.tracers,
+            receivers,
+            &quantities,
+            &settings,
+            progress,
+        )?;
+        let estimate = estimates.into_iter().next().context("one quantity")?;
+        let sum: f64 = estimate
+            .values
+            .iter()
+            .map(|value| value.as_dvec3().element_sum() / 3.0)
+            .sum();
+        let mean = sum / estimate.values.len().max(1) as f64;
+        lit.rays += rays;
+        lit.values.extend(estimate.values);
+        let noise = f64::from(estimate.noise);
+        Ok((if noise.is_finite() { noise } else { 0.0 }, mean))
+    }
+
+    fn by_maps(
+        &self,
+        triangles: &Triangles<'_>,
+        mut receivers: Receivers,
+        progress: &dyn Progress,
+        lit: &mut Lit,
+    ) -> Result<()> {
+        let count = receivers.points.len();
+        for (receiver, index) in receivers.points.iter_mut().zip(0..) {
+            receiver.index = index;
+        }
+        let params = OcclusionParams {
+            maps: MapParams {
+                maps: self.ldm.ldm_maps,
+                resolution: self.ldm.ldm_resolution,
+                tolerance: self.ldm.ldm_tolerance,
+                ..MapParams::default()
+            },
+            d_max: self.settings.d_max,
+            frames: 1,
+            seed: self.settings.seed,
+        };
+        let points = Points::of_receivers(&receivers, self.settings.normals);
+        drop(receivers);
+        let mut occlusion = Occlusion::new(triangles, count, &params)?;
+        occlusion.add(&points, [0, 1], progress);
+        lit.rays += occlusion.lookups();
+        let value = |sky: &Sky| match self.quantity {
+            Quantity::Obscurance => sky.obscurance,
+            _ => sky.ao,
+        };
+        let skies = occlusion.skies();
+        lit.values
+            .extend(skies.iter().map(|sky| Vec3::splat(value(sky))));
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bits_are_spread_to_every_third_place() {
+        for bit in 0..10 {
+            assert_eq!(spread(1 << bit), 1 << (3 * bit));
+        }
+        assert_eq!(spread(1023), 0x0924_9249);
+    }
+}
