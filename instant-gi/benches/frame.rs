@@ -2,18 +2,18 @@
 //!
 //! ```sh
 //! cargo bench -p isophote-instant-gi --bench frame -- SCENE [--size WxH] [--frames N] [--mirror MATERIAL[,…]]
-//!     [--case PATHS:VISIBILITY:DOWNSAMPLING:MxN:PATTERN:FILTER]...
+//!     [--case PATHS:VISIBILITY:DOWNSAMPLING:MxN:PATTERN:FILTER:SEQUENCE]...
 //! ```
 //!
-//! Visibility is `triangles` or `boxes`, the pattern `regular` or `irregular`, the filter `edges`, `fill` or `paper`; what is left
-//! out is the plain method's. Materials are diffuse, unless some are made mirrors. Every frame shoots its light paths anew
+//! Visibility is `triangles` or `boxes`, the pattern `regular` or `irregular`, the filter `edges`, `fill` or `paper`, the sequence
+//! `lattice` or `halton`; what is left out is the plain method's. Materials are diffuse, unless some are made mirrors. Every frame shoots its light paths anew
 //! and is rendered wholly; times are medians over the frames. Errors are those of the indirect light against the plain
-//! method with the same number of light paths. The built-in office and 180 light paths unless given.
+//! method with the same light paths. The built-in office and 180 light paths unless given.
 
 use std::{path::Path, sync::Arc, time::Instant};
 
 use glam::Vec3;
-use isophote_instant_gi::{Filter, GiParams, InstantGi, Pattern, Stages};
+use isophote_instant_gi::{Filter, GiParams, InstantGi, Pattern, Sequence, Stages};
 use isophote_scene::{
     BuildTracer, BvhOptions, BvhTracer, Leaves, Scene, Selection, builtin, load,
     reference::{Materials, Tracers},
@@ -98,6 +98,10 @@ impl Case {
                 Some("fill") => Filter::Fill,
                 _ => Filter::Edges,
             },
+            sequence: match next() {
+                Some("halton") => Sequence::Halton,
+                _ => Sequence::Lattice,
+            },
             light_rays: 1,
             materials,
             ..GiParams::default()
@@ -113,8 +117,8 @@ struct Bench<'a> {
     materials: Materials,
     triangles: BvhTracer,
     boxes: BvhTracer,
-    /// Indirect light of the plain method, with the number of light paths.
-    truth: Option<(u32, Vec<Vec3>)>,
+    /// Indirect light of the plain method, with its light paths.
+    truth: Option<((u32, Sequence), Vec<Vec3>)>,
 }
 
 impl<'a> Bench<'a> {
@@ -167,9 +171,9 @@ impl<'a> Bench<'a> {
             .expect("a picture")
     }
 
-    /// Indirect light of the plain method with as many light paths.
+    /// Indirect light of the plain method with the same light paths.
     fn truth(&mut self, case: &Case) -> Vec<Vec3> {
-        let paths = case.params.paths;
+        let paths = (case.params.paths, case.params.sequence);
         if let Some((of, truth)) = &self.truth
             && *of == paths
         {

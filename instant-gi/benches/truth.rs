@@ -2,20 +2,21 @@
 //!
 //! ```sh
 //! cargo bench -p isophote-instant-gi --bench truth -- SCENE... [--size WxH] [--paths N] [--samples N] [--min-d METRES]
-//!     [--compensation RAYS] [--unbounded]
+//!     [--compensation RAYS] [--unbounded] [--halton]
 //! ```
 //!
 //! Both are asked at the same points, what the pixels' centres show, and both leave out light that travelled less than about
 //! `--min-d`, unless the reference is `--unbounded`. No shortcuts, diffuse materials, one bounce. The reference's noise is told by two
 //! halves of its samples and left out of `rel_rmse_beyond`; `constant` is the error of its mean, which a method must beat by far.
+//! Light paths start on a lattice, or with `--halton` as in the paper.
 //! The built-in Cornell box, 160x120 pixels, 4096 paths and 1024 samples unless given.
 
 use std::{path::Path, sync::Arc, time::Instant};
 
 use glam::Vec3;
-use isophote_instant_gi::{GiParams, InstantGi};
+use isophote_instant_gi::{GiParams, InstantGi, Sequence};
 use isophote_scene::{
-    BuildTracer, BvhOptions, BvhTracer, Receivers, Scene, Selection, builtin, load,
+    BuildTracer, BvhOptions, BvhTracer, Receivers, Scene, Selection, builtin, facing, load,
     reference::{Estimate, Materials, Quantity, Settings, Tracers, bake},
 };
 use serde_json::{Value, json};
@@ -29,6 +30,7 @@ struct Arguments {
     min_d: f32,
     compensation: u32,
     is_unbounded: bool,
+    sequence: Sequence,
 }
 
 fn main() {
@@ -48,6 +50,7 @@ impl Arguments {
             min_d: 0.1,
             compensation: 0,
             is_unbounded: false,
+            sequence: Sequence::default(),
         };
         while let Some(word) = words.next() {
             let mut value = || words.next().expect("a value");
@@ -64,6 +67,7 @@ impl Arguments {
                 "--min-d" => arguments.min_d = value().parse().expect("a number"),
                 "--compensation" => arguments.compensation = value().parse().expect("a number"),
                 "--unbounded" => arguments.is_unbounded = true,
+                "--halton" => arguments.sequence = Sequence::Halton,
                 flag if flag.starts_with("--") => panic!("what is {flag}?"),
                 scene => arguments.scenes.push(scene.into()),
             }
@@ -90,6 +94,7 @@ fn measure(arguments: &Arguments, name: &str) -> Value {
     let start = Instant::now();
     let params = GiParams {
         paths: arguments.paths,
+        sequence: arguments.sequence,
         min_d: arguments.min_d,
         compensation: arguments.compensation,
         light_rays: 1,
@@ -110,6 +115,7 @@ fn measure(arguments: &Arguments, name: &str) -> Value {
         "scene": name,
         "size": arguments.size,
         "paths": arguments.paths,
+        "sequence": format!("{:?}", arguments.sequence),
         "vpls": stages.vpls.len(),
         "samples": arguments.samples,
         "min_d": arguments.min_d,
@@ -140,7 +146,15 @@ fn reference(
         seed: 9,
         ..Settings::default()
     };
-    let receivers = Receivers::from_camera(scene, tracers.exact, &scene.cameras[0], arguments.size);
+    let camera = &scene.cameras[0];
+    let mut receivers = Receivers::from_camera(scene, tracers.exact, camera, arguments.size);
+    // Light is baked for the upper side of a surface; the camera may see the other.
+    for receiver in &mut receivers.points {
+        let point = &mut receiver.point;
+        let view = camera.pinhole().eye - point.position;
+        point.geometric_normal = facing(point.geometric_normal, view);
+        point.shading_normal = facing(point.shading_normal, view);
+    }
     let quantities = [Quantity::Indirect];
     let (estimates, _) = bake(
         scene,

@@ -36,7 +36,7 @@ use self::{
     passes::{Bound, Passes, Shared, Targets},
 };
 use crate::{
-    GiParams, Pattern, Result, Stages,
+    GiParams, Pattern, Result, Sequence, Stages,
     cpu::{check_size, filter::Upsample, indirect::COMPENSATION},
 };
 
@@ -79,7 +79,7 @@ struct GpuParams {
     glossy_rays: u32,
     pbr: u32,
     rotated: u32,
-    padding: u32,
+    lattice: u32,
 }
 
 /// `Piece` of params.wesl.
@@ -407,7 +407,7 @@ impl InstantGi {
             glossy_rays: params.glossy_rays,
             pbr: u32::from(params.materials == Materials::Pbr),
             rotated: u32::from(params.seed != 0),
-            padding: 0,
+            lattice: u32::from(params.sequence == Sequence::Lattice),
         };
         context.check("settings", |_| {
             let bytes = bytemuck::bytes_of(&settings);

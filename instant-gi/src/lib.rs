@@ -14,7 +14,7 @@
 //!
 //! | paper | code |
 //! |---|---|
-//! | §4, particles along a Halton sequence | [`cpu::emission::shoot`] |
+//! | §4, particles along a Halton sequence | [`cpu::emission::shoot`], [`Sequence::Halton`] |
 //! | §4, direct + specular, a Whitted-style tree; what secondary hits cost | `cpu/specular.rs`, `cpu/tiles.rs` |
 //! | Eq. (1) and the bounded geometry term | `cpu/indirect.rs`, [`isophote_scene::reference::bound`] |
 //! | §4.1, imperfect visibility | a tracer of boxes as the secondary one: `Leaves::Boxes` of scene's trees on CPUs and GPUs, or `boxes` of ray queries |
@@ -25,7 +25,8 @@
 //!
 //! # Differences from the paper
 //!
-//! - All kinds of lights shoot particles; the paper has point lights.
+//! - All kinds of lights shoot particles; the paper has point lights. They shoot them along a lattice for each light, which is
+//!   more even than the paper's Halton sequence ([`Sequence`]).
 //! - Where shading normals differ from the triangles', a virtual light takes what its shading normal receives and gives
 //!   it off around the triangle's, as the reference integrators do.
 //! - ρ of Eq. (1) is albedo/π, and it is multiplied on at the very end: what is computed is irradiance.
@@ -45,5 +46,5 @@ mod params;
 pub use self::{
     cpu::{InstantGi, Stages},
     error::{Error, Result},
-    params::{Filter, GiParams, Pattern},
+    params::{Filter, GiParams, Pattern, Sequence},
 };

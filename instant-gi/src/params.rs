@@ -9,6 +9,8 @@ use crate::{Error, Result};
 pub struct GiParams {
     /// Light paths that are shot, 1 to 65,536; each makes up to `bounces` virtual point lights.
     pub paths: u32,
+    /// Where light paths start.
+    pub sequence: Sequence,
     /// Surfaces that a light path meets, 1 to 16. Only with 1 the indirect light is `indirect`, one bounce; further
     /// bounces count towards `path`.
     pub bounces: u32,
@@ -38,6 +40,17 @@ pub struct GiParams {
     pub seed: u64,
 }
 
+/// Where light paths start: which light, where on it and in which direction.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Sequence {
+    /// The paper's Halton sequence (§4), whose numbers choose the light too.
+    Halton,
+    /// A stretch of the paths for each light in proportion to its power, and in each stretch a lattice: around point lights a
+    /// spherical Fibonacci lattice.
+    #[default]
+    Lattice,
+}
+
 /// Which sample of a tile of interleaved sampling has which part of the lights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Pattern {
@@ -65,6 +78,7 @@ impl Default for GiParams {
     fn default() -> Self {
         Self {
             paths: 180,
+            sequence: Sequence::default(),
             bounces: 1,
             min_d: 0.1,
             compensation: 0,

@@ -112,11 +112,7 @@ impl<'a> Emission<'a> {
 
     /// A particle from numbers in [0, 1): which light, where it starts, and where it goes. `None` where nothing shines.
     pub fn emit(&self, choice: f32, place: Vec2, direction: Vec2) -> Option<Particle> {
-        let last = self.sources.len().checked_sub(1)?;
-        let at = self
-            .sources
-            .partition_point(|source| source.cumulative <= choice);
-        let source = &self.sources[at.min(last)];
+        let source = &self.sources[self.chosen(choice)?];
         let mut particle = match source.kind {
             Kind::Light(index) => {
                 self.leave_light(&self.scene.lights[index as usize], place, direction)
@@ -128,6 +124,28 @@ impl<'a> Emission<'a> {
         };
         particle.flux /= source.probability;
         particle.flux.is_finite().then_some(particle)
+    }
+
+    /// How far into the share of the light that it chooses a number lies, in [0, 1). Numbers that are spread evenly are so in
+    /// the share of each light too, so that they can say where or in which direction its particles start. 0 where nothing shines.
+    pub fn remainder(&self, choice: f32) -> f32 {
+        let Some(at) = self.chosen(choice) else {
+            return 0.0;
+        };
+        let before = at.checked_sub(1);
+        let before = before.map_or(0.0, |before| self.sources[before].cumulative);
+        let share = self.sources[at].cumulative - before;
+        // Rounding up to 1 is not in the range.
+        ((choice - before) / share).clamp(0.0, 1.0_f32.next_down())
+    }
+
+    /// The light that a number chooses: the first whose cumulative probability exceeds it.
+    fn chosen(&self, choice: f32) -> Option<usize> {
+        let last = self.sources.len().checked_sub(1)?;
+        let at = self
+            .sources
+            .partition_point(|source| source.cumulative <= choice);
+        Some(at.min(last))
     }
 
     fn leave_light(&self, light: &Light, place: Vec2, direction: Vec2) -> Particle {
@@ -296,6 +314,33 @@ mod tests {
         let radius = 0.5 * scene.bounds().diagonal();
         let found = mean(&scene).x / (4.0 * PI * PI * radius * radius);
         assert!((found - 1.0).abs() < 1e-3, "{found}");
+    }
+
+    /// Each light has all remainders evenly.
+    #[test]
+    fn remainders_are_spread_over_every_light() {
+        let mut scene = builtin::build("cornell").expect("a scene");
+        let light = |power| Light::point("a", Vec3::Y, Vec3::splat(power));
+        scene.lights = [1.0, 3.0, 2.0].map(light).into();
+        let emission = Emission::new(&scene);
+        let count = 1 << 12;
+        let mut cells = vec![[0; 4]; emission.sources.len()];
+        for index in 0..count {
+            let choice = (index as f32 + 0.5) / count as f32;
+            let remainder = emission.remainder(choice);
+            assert!((0.0..1.0).contains(&remainder));
+            let at = emission.chosen(choice).expect("it shines");
+            cells[at][(4.0 * remainder) as usize] += 1;
+        }
+        for (cells, source) in cells.iter().zip(&emission.sources) {
+            let expected = source.probability * count as f32 / 4.0;
+            assert!(
+                cells
+                    .iter()
+                    .all(|&cell| (cell as f32 - expected).abs() <= 1.0),
+                "{cells:?}"
+            );
+        }
     }
 
     /// A triangle shines to both sides, π times its area and radiance each.

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
-use isophote_instant_gi::{Filter, GiParams, InstantGi, Pattern, Stages};
+use isophote_instant_gi::{Filter, GiParams, InstantGi, Pattern, Sequence, Stages};
 use isophote_scene::{
     Answers, Scene,
     reference::{Estimate, Layers, Normals, Progress, Quantity, Render},
@@ -36,6 +36,9 @@ pub(crate) struct IgiTechnique {
     /// Light paths that are shot
     #[arg(long, value_name = "N", default_value_t = 180, value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     igi_paths: u32,
+    /// Where light paths start
+    #[arg(long, value_enum, value_name = "SEQUENCE", default_value = "lattice")]
+    igi_sequence: SequenceChoice,
     /// Surfaces that a light path meets; a virtual point light at each
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
     igi_bounces: u32,
@@ -69,6 +72,14 @@ pub(crate) struct IgiTechnique {
 type Tile = [u32; 2];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum SequenceChoice {
+    /// Along the Halton sequence, which chooses the lights too
+    Halton,
+    /// On a lattice for each light
+    Lattice,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum PatternChoice {
     /// The same in every tile
     Regular,
@@ -90,6 +101,10 @@ impl IgiTechnique {
     fn params(&self, order: &Order<'_>) -> GiParams {
         GiParams {
             paths: self.igi_paths,
+            sequence: match self.igi_sequence {
+                SequenceChoice::Halton => Sequence::Halton,
+                SequenceChoice::Lattice => Sequence::Lattice,
+            },
             bounces: self.igi_bounces,
             min_d: order.min_d.unwrap_or(MIN_D),
             compensation: self.igi_compensation,

@@ -1,5 +1,12 @@
-//! Stage 1, virtual point lights (§4): particles leave the lights along a Halton sequence, and every diffuse surface they
-//! meet becomes a light.
+//! Stage 1, virtual point lights (§4): particles leave the lights along a low-discrepancy sequence, and every diffuse surface
+//! they meet becomes a light.
+//!
+//! Virtual lights are spread as evenly as the paths' numbers are, and what is uneven about them is the error of the picture. The
+//! first of a path's numbers chooses its light. In the paper's Halton sequence that leaves to each light every so-manieth path,
+//! whose other numbers are spread no better than random ones. With [`Sequence::Lattice`] the first number runs from 0 to 1, so
+//! that each light has a stretch of the paths, in proportion to its power; how far a path is in its stretch is one
+//! coordinate of its direction, and multiples of the golden ratio are the other: around a point light the directions are a spherical
+//! Fibonacci lattice, of as many points as the light has paths.
 
 use glam::{Vec2, Vec3};
 use isophote_scene::{
@@ -9,7 +16,7 @@ use isophote_scene::{
 };
 use rayon::prelude::*;
 
-use crate::GiParams;
+use crate::{GiParams, Sequence};
 
 /// Bases of the Halton sequence. Directions, which count most, have the smallest.
 const BASES: [u32; 8] = [2, 3, 5, 7, 11, 13, 17, 19];
@@ -43,29 +50,67 @@ pub fn shoot<T: Tracer + ?Sized>(scene: &Scene, tracer: &T, params: &GiParams) -
     (vpls, rays)
 }
 
+/// Of Kronecker sequences, as 32-bit fractions: those of the golden ratio, of √2 and of √3.
+const RATIOS: [u32; 3] = [0x9e37_79b9, 0x6a09_e667, 0xbb67_ae85];
+
 /// A path's numbers in [0, 1).
-struct Halton {
-    index: u32,
-    seed: u64,
+struct Numbers<'a> {
+    path: u32,
+    params: &'a GiParams,
 }
 
-impl Halton {
-    /// Further dimensions than there are bases take those again, of a shuffled index.
+/// The numbers of a path's start.
+struct Start {
+    choice: f32,
+    place: Vec2,
+    direction: Vec2,
+}
+
+impl Numbers<'_> {
+    fn start(&self, emission: &Emission<'_>) -> Start {
+        match self.params.sequence {
+            Sequence::Halton => Start {
+                choice: self.get(4),
+                place: self.pair(2),
+                direction: self.pair(0),
+            },
+            Sequence::Lattice => {
+                let choice = (self.path as f32 + 0.5) / self.params.paths as f32;
+                let [x, y, z] = RATIOS.map(|ratio| self.path.wrapping_mul(ratio));
+                Start {
+                    choice,
+                    place: Vec2::new(self.rotated(y, 2), self.rotated(z, 3)),
+                    direction: Vec2::new(emission.remainder(choice), self.rotated(x, 1)),
+                }
+            }
+        }
+    }
+
+    /// A 32-bit fraction, rotated (Cranley and Patterson) so that every seed has a sequence of its own.
+    fn rotated(&self, fraction: u32, dimension: u32) -> f32 {
+        (fraction.wrapping_add(self.shift(dimension)) >> 8) as f32 / 16_777_216.0
+    }
+
+    /// How far a dimension is rotated, as a 32-bit fraction.
+    fn shift(&self, dimension: u32) -> u32 {
+        match self.params.seed {
+            0 => 0,
+            seed => hash(hash_seed(seed) ^ hash(dimension + 1)),
+        }
+    }
+
+    /// Of the Halton sequence. Further dimensions than there are bases take those again, of a shuffled index.
     fn get(&self, dimension: u32) -> f32 {
         let count = BASES.len() as u32;
         let (base, again) = (BASES[(dimension % count) as usize], dimension / count);
         // The first point of the sequence is 0 in all dimensions.
-        let index = self.index + 1;
+        let index = self.path + 1;
         let value = if again == 0 {
             radical_inverse(base, index)
         } else {
             (hash(index ^ hash(again * count + base)) >> 8) as f32 / 16_777_216.0
         };
-        if self.seed == 0 {
-            return value;
-        }
-        // Rotated (Cranley and Patterson), so that every seed has a sequence of its own.
-        let shift = hash(hash_seed(self.seed) ^ hash(dimension + 1)) >> 8;
+        let shift = self.shift(dimension) >> 8;
         (value + shift as f32 / 16_777_216.0).fract()
     }
 
@@ -81,13 +126,11 @@ fn follow<T: Tracer + ?Sized>(
     params: &GiParams,
     path: u32,
 ) -> (Vec<Vpl>, u64) {
-    let numbers = Halton {
-        index: path,
-        seed: params.seed,
-    };
+    let numbers = Numbers { path, params };
     let mut vpls = Vec::new();
     let mut rays = 0;
-    let Some(particle) = emission.emit(numbers.get(4), numbers.pair(2), numbers.pair(0)) else {
+    let start = numbers.start(emission);
+    let Some(particle) = emission.emit(start.choice, start.place, start.direction) else {
         return (vpls, rays);
     };
     let (mut ray, mut start) = (particle.ray, particle.start);
