@@ -39,6 +39,8 @@
 pub mod cpu;
 mod directions;
 mod error;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod lanes;
 mod math;
 mod params;

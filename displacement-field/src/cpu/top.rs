@@ -12,7 +12,7 @@ use crate::{
 };
 
 /// Children of a node.
-const WIDTH: usize = 8;
+pub(crate) const WIDTH: usize = 8;
 /// Of 2²⁴ spheres and more: of each level all but one may wait.
 const STACK: usize = WIDTH * 12;
 /// As many are divided by several threads.
@@ -169,6 +169,16 @@ impl Node {
         (bits, entered)
     }
 
+    #[cfg(feature = "gpu")]
+    fn boxes(&self) -> [Aabb; WIDTH] {
+        let corner =
+            |axes: &[[f32; WIDTH]; 3], child: usize| Vec3::from_array(axes.map(|a| a[child]));
+        std::array::from_fn(|child| Aabb {
+            min: corner(&self.min, child),
+            max: corner(&self.max, child),
+        })
+    }
+
     /// The squared distance from a point to each box.
     fn squared_distances(&self, point: Vec3) -> [f32; WIDTH] {
         let mut squares = [0.0; WIDTH];
@@ -222,6 +232,19 @@ impl Top {
     pub(crate) fn bytes(&self) -> usize {
         let nodes: usize = self.levels.iter().map(Vec::len).sum();
         size_of_val(&self.order[..]) + size_of_val(&self.leaves[..]) + nodes * size_of::<Node>()
+    }
+
+    /// The numbers of the spheres, eight to a leaf.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn order(&self) -> &[u32] {
+        &self.order
+    }
+
+    /// The boxes of each level's nodes, from those whose children are leaves to the root.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn boxes(&self) -> impl Iterator<Item = Vec<[Aabb; WIDTH]>> {
+        let level = |nodes: &Vec<Node>| nodes.iter().map(Node::boxes).collect();
+        self.levels.iter().map(level)
     }
 
     /// How many children a leaf, of level 1, or a node has: the last of a level may have less than others.

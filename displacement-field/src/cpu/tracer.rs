@@ -107,6 +107,16 @@ impl FieldTracer {
         self.look_up = look_up;
     }
 
+    #[cfg(feature = "gpu")]
+    pub(crate) fn placed(&self) -> &[Placed] {
+        &self.placed
+    }
+
+    /// Which samples answer a ray.
+    pub const fn look_up(&self) -> LookUp {
+        self.look_up
+    }
+
     /// The objects, one for every mesh of the scene.
     pub fn objects(&self) -> &[Object] {
         &self.objects

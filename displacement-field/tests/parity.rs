@@ -1,0 +1,183 @@
+//! The GPU's answers beside the CPU's.
+#![cfg(feature = "gpu")]
+#![expect(clippy::unwrap_used, reason = "tests")]
+
+mod support;
+
+use std::sync::Arc;
+
+use glam::{Affine3A, Quat, Vec3, Vec3Swizzles};
+use isophote_displacement_field::{
+    Directions, FieldParams, FieldTracer, LookUp, Object, Positions, Storage, Together,
+    gpu::FieldGpuTracer,
+};
+use isophote_scene::{
+    Hit, Instance, InstanceMask, Material, Ray, Scene, Selection, Tracer,
+    gpu::{Context, GpuScene, RayBatch},
+    sample::{Sampler, uniform_sphere},
+};
+
+/// Tori and balls, and a floor of two triangles under them.
+fn scene(count: usize) -> Arc<Scene> {
+    let floor = [Vec3::ZERO, Vec3::X, Vec3::Z, Vec3::X + Vec3::Z]
+        .map(|corner| 40.0 * (corner - 0.5 * (Vec3::X + Vec3::Z)) - Vec3::Y);
+    let [a, b, c, d] = floor;
+    let meshes = vec![
+        support::torus("torus", 32, 16, 0.45),
+        support::torus("ring", 24, 12, 0.2),
+        support::mesh(&[[a, b, c], [b, d, c]]),
+    ];
+    let mut instances: Vec<Instance> = (0..count)
+        .map(|index| Instance::new(index as u32 % 2, place(index, 0.0)))
+        .collect();
+    instances.push(Instance::new(2, Affine3A::IDENTITY));
+    Arc::new(Scene {
+        meshes,
+        materials: vec![Material::diffuse("", Vec3::ONE)],
+        instances,
+        ..Scene::default()
+    })
+}
+
+fn place(index: usize, time: f32) -> Affine3A {
+    let sampler = Sampler::new(4, 0, index as u32);
+    let (a, b) = (sampler.get_2d(0), sampler.get_2d(1));
+    let turn = Quat::from_axis_angle(Vec3::new(a.x, a.y, b.x).normalize(), 6.0 * b.y + time);
+    let at = Vec3::new(a.x - 0.5, 0.2 * b.x, a.y - 0.5) * 20.0 + time * Vec3::Y;
+    Affine3A::from_scale_rotation_translation(Vec3::splat(0.5 + b.x), turn, at)
+}
+
+/// The scene of which only instances of many or of few triangles cast.
+fn part(scene: &Scene, many: bool) -> Arc<Scene> {
+    let mut part = scene.clone();
+    for instance in &mut part.instances {
+        if (instance.mesh < 2) != many {
+            instance.mask = InstanceMask::RECEIVER;
+        }
+    }
+    Arc::new(part)
+}
+
+fn fields(scene: &Arc<Scene>, params: &FieldParams, look_up: LookUp) -> FieldTracer {
+    let object = |mesh: usize| Object::new(support::field(&scene.meshes[mesh], params));
+    // A second kind.
+    let other = object(1).with_distant();
+    let objects = vec![object(0), other, Object::default()];
+    let scene = part(scene, true);
+    FieldTracer::new(&scene, &Selection::default(), objects, look_up).unwrap()
+}
+
+fn rays(count: u32) -> Vec<Ray> {
+    (0..count)
+        .map(|index| {
+            let sampler = Sampler::new(11, 0, index);
+            let at =
+                (sampler.get_2d(0).extend(sampler.get_1d(1)) - 0.5) * Vec3::new(24.0, 24.0, 8.0);
+            let ray = Ray::new(at.xzy(), uniform_sphere(sampler.get_2d(2)));
+            match index % 4 {
+                0 => ray.until(4.0 * sampler.get_1d(3)),
+                1 => Ray {
+                    direction: 3.0 * ray.direction,
+                    ..ray
+                },
+                _ => ray,
+            }
+        })
+        .collect()
+}
+
+/// The shares of rays that one hits and the other does not, and of hits whose distances differ by more than 10⁻³ of the sphere.
+fn differences(
+    context: &Context,
+    scene: &Arc<Scene>,
+    gpu: &FieldGpuTracer,
+    cpu: &dyn Tracer,
+    rays: &[Ray],
+) -> [f64; 3] {
+    let gpu_scene = GpuScene::new(context, scene).unwrap();
+    let mut batch = RayBatch::new(context, &gpu_scene, gpu).unwrap();
+    let mut closest: Vec<Option<Hit>> = vec![None; rays.len()];
+    batch
+        .closest_hits(context, &gpu_scene, gpu, rays, &mut closest)
+        .unwrap();
+    let mut any = vec![false; rays.len()];
+    batch
+        .any_hits(context, &gpu_scene, gpu, rays, &mut any)
+        .unwrap();
+    let (mut hits, mut confused, mut far) = (0.0, 0.0, 0.0);
+    for ((ray, found), any) in rays.iter().zip(closest).zip(any) {
+        let expected = cpu.closest_hit(ray);
+        confused += f64::from(u8::from(found.is_some() != any));
+        match (found, expected) {
+            (Some(a), Some(b)) => {
+                hits += 1.0;
+                far += f64::from(u8::from((a.t - b.t).abs() * ray.direction.length() > 1e-3));
+            }
+            (None, None) => {}
+            _ => confused += 1.0,
+        }
+    }
+    let count = rays.len() as f64;
+    [hits / count, confused / count, far / count]
+}
+
+#[test]
+fn the_gpu_finds_what_the_cpu_finds() {
+    let Some(context) = Context::for_tests() else {
+        return;
+    };
+    let scene = scene(20);
+    let others = part(&scene, false);
+    let rays = rays(4000);
+    for (storage, directions, resolution, look_up) in [
+        (Storage::Byte, Directions::Concentric, 32, LookUp::Nearest),
+        (Storage::Byte, Directions::Concentric, 33, LookUp::Aimed),
+        (
+            Storage::Byte,
+            Directions::Concentric,
+            32,
+            LookUp::Interpolated,
+        ),
+        (
+            Storage::Bit,
+            Directions::Rejection,
+            33,
+            LookUp::Interpolated,
+        ),
+        (Storage::Word, Directions::Polar, 16, LookUp::Interpolated),
+        (Storage::Float, Directions::Polar, 17, LookUp::Aimed),
+    ] {
+        let params = FieldParams {
+            positions: Positions::Slater { rings: 12 },
+            directions,
+            resolution,
+            storage,
+            ..FieldParams::default()
+        };
+        let fields = fields(&scene, &params, look_up);
+        let exact = support::exact(&others);
+        let selection = Selection::default();
+        let mut gpu =
+            FieldGpuTracer::new(&context, fields.clone(), Some((others.clone(), selection)))
+                .unwrap();
+        let mut cpu = Together(fields, exact);
+        let mut transforms = scene.transforms();
+        for time in [0.0, 0.7] {
+            if time > 0.0 {
+                for (index, transform) in transforms.iter_mut().enumerate().take(20) {
+                    *transform = place(index, time);
+                }
+                gpu.update(&context, &transforms).unwrap();
+                cpu.0.update(&transforms).unwrap();
+            }
+            let found = differences(&context, &scene, &gpu, &cpu, &rays);
+            let [hits, confused, far] = found;
+            eprintln!("{params:?} {look_up:?}: {found:?}");
+            // Rounding decides at the borders of cells, where the distances of two samples may be any.
+            assert!(
+                hits > 0.3 && confused < 2e-3 && far < 4e-3,
+                "{params:?} {look_up:?}: {found:?}"
+            );
+        }
+    }
+}
