@@ -8,6 +8,8 @@ use std::{
 
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
+#[cfg(feature = "gpu")]
+use isophote_displacement_field::gpu::FieldGpuTracer;
 use isophote_displacement_field::{
     Directions, Field, FieldParams, FieldTracer, LookUp, Object, ObjectParams, Positions, Storage,
     Together, meshes, split,
@@ -47,6 +49,9 @@ pub(crate) struct FieldArgs {
     /// Refuse a field that takes more memory than this [MiB]
     #[arg(long, value_name = "MIB", default_value_t = 1024, value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
     field_memory_limit: u64,
+    /// Instances further from the camera than so many radii of their own are answered by one bit a direction
+    #[arg(long, value_name = "RADII")]
+    field_distant: Option<f32>,
     /// Write the fields into files in this folder
     #[arg(long, value_name = "FOLDER", conflicts_with = "field_load")]
     field_save: Option<PathBuf>,
@@ -110,7 +115,7 @@ impl FieldArgs {
                 max_bytes: self.field_memory_limit << 20,
             },
             parts: self.field_parts,
-            distant: false,
+            distant: self.field_distant.is_some(),
         }
     }
 
@@ -128,14 +133,18 @@ impl FieldArgs {
 
     /// Minutes of work must not end at a file that cannot be written.
     pub(crate) fn check(&self) -> Result<()> {
+        ensure!(
+            self.field_distant.is_none_or(|radii| radii >= 0.0),
+            "--field-distant: how far away is to be a number of radii from 0 on"
+        );
         if let Some(folder) = &self.field_save {
             check_writable(&file(folder, 0, 0))?;
         }
         Ok(())
     }
 
-    /// The tracer: fields for what has many triangles, exact rays for the rest.
-    pub(crate) fn build(&self, plan: &Plan<'_>) -> Result<BuiltTracer> {
+    /// The tracer of what has many triangles, and the scene of which only the rest casts, if there is any.
+    fn fields(&self, plan: &Plan<'_>) -> Result<(FieldTracer, Option<Arc<Scene>>)> {
         let selection = plan.selection;
         let [many, few] = [true, false].map(|many| self.part(plan, many));
         ensure!(
@@ -144,7 +153,13 @@ impl FieldArgs {
             self.field_least_triangles
         );
         let objects = match &self.field_load {
-            Some(folder) => self.load(&many, plan, folder)?,
+            Some(folder) => {
+                let objects = self.load(&many, plan, folder)?;
+                match self.field_distant {
+                    Some(_) => objects.into_iter().map(Object::with_distant).collect(),
+                    None => objects,
+                }
+            }
             None => {
                 let exact = |scene: &Arc<Scene>| {
                     BvhTracer::build(scene, &Default::default(), &plan.args.bvh_options())
@@ -160,21 +175,44 @@ impl FieldArgs {
             Samples::Aimed => LookUp::Aimed,
             Samples::Interpolated => LookUp::Interpolated,
         };
-        let fields = FieldTracer::new(&many, selection, objects, look_up)?;
+        let mut fields = FieldTracer::new(&many, selection, objects, look_up)?;
+        if let Some(radii) = self.field_distant {
+            fields.look_from(Some((plan.camera.position(), radii)));
+            fields.update(&many.transforms())?;
+        }
+        let has_few = !meshes(&few, selection).is_empty();
+        Ok((fields, has_few.then_some(few)))
+    }
+
+    /// The tracer: fields for what has many triangles, exact rays for the rest.
+    pub(crate) fn build(&self, plan: &Plan<'_>) -> Result<BuiltTracer> {
+        let (fields, few) = self.fields(plan)?;
         let bytes = fields.bytes();
-        if meshes(&few, selection).is_empty() {
+        let Some(few) = few else {
             return Ok(BuiltTracer {
                 bytes,
                 tracer: Box::new(fields),
                 maps: None,
             });
-        }
-        let exact = BvhTracer::build(&few, selection, &plan.args.bvh_options())?;
+        };
+        let exact = BvhTracer::build(&few, plan.selection, &plan.args.bvh_options())?;
         Ok(BuiltTracer {
             bytes: bytes + exact.bytes(),
             tracer: Box::new(Together(fields, exact)),
             maps: None,
         })
+    }
+
+    /// The same on a GPU.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn build_gpu(
+        &self,
+        context: &isophote_scene::gpu::Context,
+        plan: &Plan<'_>,
+    ) -> Result<FieldGpuTracer> {
+        let (fields, few) = self.fields(plan)?;
+        let others = few.map(|few| (few, *plan.selection));
+        Ok(FieldGpuTracer::new(context, fields, others)?)
     }
 
     /// The scene, of which only instances of many or of few triangles are selected.

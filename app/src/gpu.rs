@@ -98,6 +98,14 @@ pub(crate) fn build(choice: GpuTracerChoice, context: &Context, plan: &Plan<'_>)
             })
         }
         GpuTracerChoice::Ldi => maps(context, plan),
+        GpuTracerChoice::Field => {
+            let tracer = plan.args.field.build_gpu(context, plan)?;
+            Ok(Built {
+                bytes: tracer.bytes(),
+                tracer: Box::new(tracer),
+                exact: None,
+            })
+        }
     }
 }
 

@@ -43,7 +43,7 @@ pub(crate) enum AnyTracer {
     BruteForce,
     /// CPU or GPU: layered depth images: see --ldi-layers
     Ldi,
-    /// CPU: displacement fields around objects, distances only: see --field-rings
+    /// CPU or GPU: displacement fields around objects, distances only: see --field-rings
     Field,
     /// GPU: exact, by a bounding volume hierarchy
     ComputeBvh,
@@ -79,6 +79,7 @@ impl AnyTracer {
             Self::BruteForce => Choice::Cpu(TracerChoice::BruteForce),
             Self::Ldi if on_gpu => Choice::Gpu(GpuTracerChoice::Ldi),
             Self::Ldi => Choice::Cpu(TracerChoice::Ldi),
+            Self::Field if on_gpu => Choice::Gpu(GpuTracerChoice::Field),
             Self::Field => Choice::Cpu(TracerChoice::Field),
             Self::ComputeBvh => Choice::Gpu(GpuTracerChoice::ComputeBvh),
             Self::RayQuery => Choice::Gpu(GpuTracerChoice::RayQuery),
@@ -182,6 +183,7 @@ pub(crate) enum GpuTracerChoice {
     Boxes,
     ComputeBoxes,
     Ldi,
+    Field,
 }
 
 /// What can be chosen of a tracer.
@@ -193,7 +195,7 @@ pub(crate) struct TracerArgs {
     #[command(flatten)]
     pub(crate) ldi: LdiArgs,
     #[command(flatten)]
-    field: FieldArgs,
+    pub(crate) field: FieldArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

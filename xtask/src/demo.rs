@@ -123,6 +123,15 @@ struct Technique {
     id: &'static str,
     arguments: &'static [&'static str],
     quantities: &'static [&'static str],
+    /// Those it is for; all if none is named.
+    scenes: &'static [&'static str],
+}
+
+impl Technique {
+    fn is_for(&self, scene: &Scene, quantity: &Quantity) -> bool {
+        let in_scene = self.scenes.is_empty() || self.scenes.contains(&scene.name);
+        in_scene && self.quantities.contains(&quantity.name)
+    }
 }
 
 /// What everything is compared with.
@@ -131,27 +140,46 @@ const CONVERGED: Technique = Technique {
     id: "converged",
     arguments: &["--technique", "reference", "--tracer", "bvh"],
     quantities: &["ao", "direct", "indirect", "path"],
+    scenes: &[],
 };
 
 /// Every technique there is.
-const TECHNIQUES: [Technique; 3] = [
+const TECHNIQUES: [Technique; 4] = [
     Technique {
         title: "Reference, 4 samples",
         id: "reference-4",
         arguments: &["--technique", "reference", "--tracer", "bvh", "--spp", "4"],
         quantities: &["ao", "direct", "indirect", "path"],
+        scenes: &[],
     },
     Technique {
         title: "Layered depth images, 8 rays, filtered",
         id: "ldi",
         arguments: &["--technique", "ldi"],
         quantities: &["indirect"],
+        scenes: &[],
     },
     Technique {
         title: "Virtual point lights, 720 paths",
         id: "igi",
         arguments: &["--technique", "igi", "--igi-paths", "720"],
         quantities: &["indirect"],
+        scenes: &[],
+    },
+    Technique {
+        title: "Displacement fields, 64 samples",
+        id: "field",
+        arguments: &[
+            "--technique",
+            "reference",
+            "--tracer",
+            "field",
+            "--spp",
+            "64",
+        ],
+        quantities: &["ao"],
+        // A room is not an object.
+        scenes: &["builtin:corner"],
     },
 ];
 
@@ -233,7 +261,7 @@ impl Demo {
         let reference = self.render(scene, quantity, &CONVERGED, &["--spp", &spp])?;
         let mut others = Vec::new();
         for technique in &TECHNIQUES {
-            if technique.quantities.contains(&quantity.name) {
+            if technique.is_for(scene, quantity) {
                 let picture = self.render(scene, quantity, technique, &[])?;
                 let errors = self.compare(scene, &picture, &reference, quantity)?;
                 others.push((picture, errors));
@@ -352,13 +380,16 @@ impl Demo {
 
 /// How many pictures will be rendered.
 fn pictures() -> usize {
-    let of = |quantity: &Quantity| {
+    let of = |scene: &Scene, quantity: &Quantity| {
         let techniques = TECHNIQUES.iter();
         1 + techniques
-            .filter(|technique| technique.quantities.contains(&quantity.name))
+            .filter(|technique| technique.is_for(scene, quantity))
             .count()
     };
-    SCENES.len() * QUANTITIES.iter().map(of).sum::<usize>()
+    let scenes = SCENES.iter();
+    scenes
+        .flat_map(|scene| QUANTITIES.iter().map(move |quantity| of(scene, quantity)))
+        .sum()
 }
 
 /// A number in a report of the application.

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! header    112 bytes: what it is, its version, how it was sampled, the sphere, of which mesh, how long the rest is
-//! samples   each predicted from those left of it, above it and beside that, and what is left of it deflated
+//! samples   deflated: a bit for each, whether it hits; and of those that do what is left after predicting them from hits to
+//!           the left, above and beside that
 //! checksum  16 bytes: SipHash-1-3 of all before
 //! ```
 //!
@@ -28,7 +29,7 @@ use super::{
 use crate::{Directions, Error, FieldParams, Positions, Result, Sphere, Storage};
 
 const MAGIC: [u8; 8] = *b"ISOPHDFI";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Reads differently where bytes lie the other way round.
 const BYTE_ORDER: u32 = 0x0102_0304;
 const CHECKSUM: usize = 16;
@@ -137,13 +138,10 @@ impl Field {
         let side = self.params.resolution as usize;
         let mut encoder = ZlibEncoder::new(Vec::new(), Compression::new(6));
         match &self.samples {
-            Samples::Byte(samples) => encoder.write_all(&residuals(samples, side))?,
-            Samples::Word(samples) => encoder.write_all(&planes(&residuals(samples, side)))?,
+            Samples::Byte(samples) => encoder.write_all(&predicted(samples, side))?,
+            Samples::Word(samples) => encoder.write_all(&predicted(samples, side))?,
             Samples::Float(samples) => {
-                encoder.write_all(&planes(&residuals(
-                    bytemuck::cast_slice::<_, u32>(samples),
-                    side,
-                )))?;
+                encoder.write_all(&predicted::<u32>(bytemuck::cast_slice(samples), side))?;
             }
             Samples::Bit(bits) => {
                 encoder.write_all(bytemuck::cast_slice(&bits.words))?;
@@ -155,7 +153,8 @@ impl Field {
 }
 
 /// Codes of distances: what predictions are made of.
-trait Code: Pod {
+trait Code: Pod + PartialEq {
+    const MISS: Self;
     fn plus(self, other: Self) -> Self;
     fn minus(self, other: Self) -> Self;
     /// From those to the left, above, and above that to the left: the plane through them, kept within their range (as in
@@ -164,8 +163,9 @@ trait Code: Pod {
 }
 
 macro_rules! code {
-    ($($type:ty)*) => {$(
+    ($($type:ty: $miss:expr,)*) => {$(
         impl Code for $type {
+            const MISS: Self = $miss;
             fn plus(self, other: Self) -> Self {
                 self.wrapping_add(other)
             }
@@ -185,34 +185,60 @@ macro_rules! code {
         }
     )*};
 }
-code!(u8 u16 u32);
+code!(u8: Self::MAX, u16: Self::MAX, u32: f32::INFINITY.to_bits(),);
 
-/// The prediction of a sample from those before it in its map.
+/// The prediction of a hit from those before it in its map; without neighbours that hit it is the last one.
 #[inline]
-fn prediction<T: Code>(map: &[T], index: usize, side: usize) -> T {
-    match (index % side, index / side) {
-        (0, 0) => T::zeroed(),
-        (0, _) => map[index - side],
-        (_, 0) => map[index - 1],
-        _ => T::predict(map[index - 1], map[index - side], map[index - side - 1]),
+fn prediction<T: Code>(map: &[T], index: usize, side: usize, last: T) -> T {
+    let hit = |there: bool, back: usize| {
+        let value = there.then(|| map[index - back]);
+        value.filter(|value| *value != T::MISS)
+    };
+    let (inner, below) = (!index.is_multiple_of(side), index >= side);
+    let (left, above) = (hit(inner, 1), hit(below, side));
+    match (left, above, hit(inner && below, side + 1)) {
+        (Some(left), Some(above), Some(corner)) => T::predict(left, above, corner),
+        (left, above, _) => left.or(above).unwrap_or(last),
     }
 }
 
-fn residuals<T: Code>(samples: &[T], side: usize) -> Vec<T> {
-    let maps = samples.chunks_exact(side * side);
-    let of_map = |map| (0..side * side).map(move |index| (map, index));
-    maps.flat_map(of_map)
-        .map(|(map, index): (&[T], usize)| map[index].minus(prediction(map, index, side)))
-        .collect()
-}
-
-/// The inverse of [`residuals`].
-fn restore<T: Code>(samples: &mut [T], side: usize) {
-    for map in samples.chunks_exact_mut(side * side) {
-        for index in 0..side * side {
-            map[index] = map[index].plus(prediction(map, index, side));
+/// A bit for each sample, whether it hits; and, byte by byte, how far those that do are off their predictions.
+fn predicted<T: Code>(samples: &[T], side: usize) -> Vec<u8> {
+    let mut hits = vec![0_u8; samples.len().div_ceil(8)];
+    let (mut residuals, mut last) = (Vec::new(), T::zeroed());
+    for (map, start) in samples
+        .chunks_exact(side * side)
+        .zip((0..).step_by(side * side))
+    {
+        for (index, &value) in map.iter().enumerate().filter(|hit| *hit.1 != T::MISS) {
+            hits[(start + index) / 8] |= 1 << ((start + index) % 8);
+            residuals.push(value.minus(prediction(map, index, side, last)));
+            last = value;
         }
     }
+    hits.extend(planes(&residuals));
+    hits
+}
+
+/// The inverse of [`predicted`]; `None` where there are not as many bytes as that takes.
+fn restored<T: Code>(bytes: &[u8], count: usize, side: usize) -> Option<Vec<T>> {
+    let (hits, residuals) = bytes.split_at_checked(count.div_ceil(8))?;
+    let is_hit = |index: usize| hits[index / 8] >> (index % 8) & 1 == 1;
+    if residuals.len() != size_of::<T>() * (0..count).filter(|&index| is_hit(index)).count() {
+        return None;
+    }
+    let mut residuals = from_planes::<T>(residuals).into_iter();
+    let (mut samples, mut last) = (vec![T::MISS; count], T::zeroed());
+    for (map, start) in samples
+        .chunks_exact_mut(side * side)
+        .zip((0..).step_by(side * side))
+    {
+        for index in (0..map.len()).filter(|index| is_hit(start + index)) {
+            last = residuals.next()?.plus(prediction(map, index, side, last));
+            map[index] = last;
+        }
+    }
+    Some(samples)
 }
 
 /// All first bytes, then all second bytes, and so on: bytes of one kind are alike.
@@ -241,30 +267,25 @@ fn from_planes<T: Pod>(planes: &[u8]) -> Vec<T> {
 /// The samples of a file whose header is known to be right.
 fn decoded(coded: &[u8], params: &FieldParams) -> Result<Samples, &'static str> {
     const LENGTH: &str = "its samples are not as many as its header says";
-    let length = params.bytes();
-    // One byte more than there should be, to find what is too long.
+    let (side, count) = (
+        params.resolution as usize,
+        params.positions.count() * params.cells(),
+    );
+    let most = match params.storage {
+        Storage::Bit => params.bytes(),
+        _ => params.bytes() + count.div_ceil(8) as u64,
+    };
+    // One byte more than there may be, to find what is too long.
     let mut bytes = Vec::new();
     ZlibDecoder::new(coded)
-        .take(length + 1)
+        .take(most + 1)
         .read_to_end(&mut bytes)
         .map_err(|_| "its samples cannot be decoded")?;
-    if bytes.len() as u64 != length {
-        return Err(LENGTH);
-    }
-    let side = params.resolution as usize;
     Ok(match params.storage {
-        Storage::Byte => {
-            restore(&mut bytes, side);
-            Samples::Byte(bytes)
-        }
-        Storage::Word => {
-            let mut samples: Vec<u16> = from_planes(&bytes);
-            restore(&mut samples, side);
-            Samples::Word(samples)
-        }
+        Storage::Byte => Samples::Byte(restored(&bytes, count, side).ok_or(LENGTH)?),
+        Storage::Word => Samples::Word(restored(&bytes, count, side).ok_or(LENGTH)?),
         Storage::Float => {
-            let mut samples: Vec<u32> = from_planes(&bytes);
-            restore(&mut samples, side);
+            let samples: Vec<u32> = restored(&bytes, count, side).ok_or(LENGTH)?;
             let samples: Vec<f32> = samples.into_iter().map(f32::from_bits).collect();
             // A NaN would be taken for a miss; nothing writes one.
             if !samples
@@ -275,6 +296,7 @@ fn decoded(coded: &[u8], params: &FieldParams) -> Result<Samples, &'static str> 
             }
             Samples::Float(samples)
         }
+        Storage::Bit if bytes.len() as u64 != most => return Err(LENGTH),
         Storage::Bit => {
             let depths = 4 * params.positions.count();
             let (words, depths) = bytes.split_at(bytes.len() - depths);

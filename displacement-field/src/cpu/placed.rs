@@ -16,6 +16,10 @@ use crate::{
     lanes::{Lanes, Mask, Two, set_bits},
 };
 
+/// The share of a field's largest error that origins are lifted by. Measured: lifted by all of it, the floor's points look
+/// under what stands on it, which costs more than what their own objects shadow of the others.
+const LIFT: f32 = 0.25;
+
 /// A field placed in the world.
 #[derive(Clone, Debug)]
 pub(crate) struct Placed {
@@ -62,6 +66,11 @@ impl Placed {
             },
             slack: field.tolerance() / sphere.radius,
         }
+    }
+
+    /// [`Tracer::tolerance`](isophote_scene::Tracer::tolerance) within the sphere, radii.
+    pub(crate) fn lift(&self) -> f32 {
+        LIFT * self.slack
     }
 
     /// A point of the world in the space where the sphere is the unit sphere.

@@ -313,13 +313,13 @@ impl Tracer for FieldTracer {
         Answers::Distance
     }
 
-    /// The coarsest [`Field::tolerance`] of the spheres that hold the point.
+    /// A quarter of the coarsest [`Field::tolerance`] of the spheres that hold the point: what is about right for most.
     fn tolerance(&self, point: Vec3) -> f32 {
         let mut tolerance = 0.0_f32;
         self.top.near(point, 0.0, |index, _| {
             let placed = &self.placed[index];
             if placed.sphere.center.distance(point) <= placed.sphere.radius {
-                tolerance = tolerance.max(placed.slack * placed.sphere.radius);
+                tolerance = tolerance.max(placed.lift() * placed.sphere.radius);
             }
         });
         tolerance

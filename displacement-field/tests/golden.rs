@@ -1,0 +1,134 @@
+//! Fields are as near to exact rays as they were, and take no more bytes in files.
+//!
+//! `ISOPHOTE_GOLDEN=write cargo test -p isophote-displacement-field --test golden` writes what is measured into `golden.json`.
+#![expect(clippy::unwrap_used, reason = "tests")]
+
+mod support;
+
+use std::{collections::BTreeMap, fs, path::Path};
+
+use glam::{Affine3A, Vec3};
+use isophote_displacement_field::{
+    Directions, FieldParams, FieldTracer, LookUp, Object, Positions, Storage,
+};
+use isophote_scene::{
+    Ray, Selection, Tracer,
+    sample::{Sampler, uniform_sphere},
+};
+
+/// Everything may be smaller.
+const WORSE: f64 = 1.05;
+
+type Metrics = BTreeMap<String, f64>;
+
+/// From all around the object and from within its sphere.
+fn rays() -> Vec<Ray> {
+    (0..20_000)
+        .map(|index| {
+            let sampler = Sampler::new(21, 0, index);
+            let away = 2.5 * sampler.get_1d(1).cbrt();
+            let from = away * uniform_sphere(sampler.get_2d(0));
+            let to = uniform_sphere(sampler.get_2d(2)) * sampler.get_1d(3);
+            Ray::new(from, (to - from).normalize_or(Vec3::X))
+        })
+        .collect()
+}
+
+fn measure() -> Metrics {
+    let torus = support::torus("torus", 48, 24, 0.4);
+    let scene = support::scene(&torus, &[Affine3A::IDENTITY]);
+    let (exact, rays) = (support::exact(&scene), rays());
+    let truth: Vec<_> = rays.iter().map(|ray| exact.closest_hit(ray)).collect();
+    let mut metrics = Metrics::new();
+    for (name, positions, directions, storage) in [
+        (
+            "byte",
+            Positions::Slater { rings: 16 },
+            Directions::Concentric,
+            Storage::Byte,
+        ),
+        (
+            "word",
+            Positions::Slater { rings: 16 },
+            Directions::Concentric,
+            Storage::Word,
+        ),
+        (
+            "bit",
+            Positions::Slater { rings: 16 },
+            Directions::Concentric,
+            Storage::Bit,
+        ),
+        (
+            "rejection",
+            Positions::Slater { rings: 16 },
+            Directions::Rejection,
+            Storage::Byte,
+        ),
+        (
+            "polar",
+            Positions::PAPER_SPHERICAL,
+            Directions::Polar,
+            Storage::Byte,
+        ),
+        (
+            "octahedral",
+            Positions::Octahedral { side: 33 },
+            Directions::Concentric,
+            Storage::Byte,
+        ),
+    ] {
+        let params = FieldParams {
+            positions,
+            directions,
+            storage,
+            ..FieldParams::default()
+        };
+        let field = support::field(&torus, &params);
+        let share = field.coded_bytes().unwrap() as f64 / field.bytes() as f64;
+        metrics.insert(format!("{name}: coded share"), share);
+        for look_up in LookUp::ALL {
+            let object = Object::new(field.clone());
+            let tracer =
+                FieldTracer::new(&scene, &Selection::default(), vec![object], look_up).unwrap();
+            let mut found = vec![None; rays.len()];
+            tracer.closest_hits(&rays, &mut found);
+            let (mut wrong, mut off, mut both) = (0.0, 0.0, 0.0);
+            for (found, truth) in found.iter().zip(&truth) {
+                match (found, truth) {
+                    (Some(a), Some(b)) => {
+                        off += f64::from((a.t - b.t).abs());
+                        both += 1.0;
+                    }
+                    (None, None) => {}
+                    _ => wrong += 1.0,
+                }
+            }
+            metrics.insert(
+                format!("{name}, {look_up:?}: wrong"),
+                wrong / rays.len() as f64,
+            );
+            metrics.insert(format!("{name}, {look_up:?}: off"), off / both);
+        }
+    }
+    metrics
+}
+
+#[test]
+fn fields_are_as_good_as_they_were() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden.json");
+    let now = measure();
+    if std::env::var_os("ISOPHOTE_GOLDEN").is_some_and(|what| what == "write") {
+        fs::write(&path, serde_json::to_string_pretty(&now).unwrap() + "\n").unwrap();
+        return;
+    }
+    let golden: Metrics = serde_json::from_str(&fs::read_to_string(&path).unwrap()).unwrap();
+    assert!(now.keys().eq(golden.keys()));
+    for (name, value) in now {
+        let was = golden[&name];
+        assert!(
+            value <= WORSE * was + 1e-6,
+            "{name} was {was} and is {value}"
+        );
+    }
+}
