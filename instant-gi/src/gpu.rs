@@ -241,7 +241,7 @@ impl InstantGi {
 
     /// Records all stages for what a camera sees. `world` is that of [`new`](Self::new), where it is now. The camera is
     /// passed by the queue, so that there can be one picture per submission. Passes are timed by the names of
-    /// [`Stages::passes`], but for `filter`.
+    /// [`Stages::passes`].
     ///
     /// # Errors
     /// [`Error::Scene`](crate::Error::Scene) and [`Error::Filter`](crate::Error::Filter) when recording fails.
@@ -257,15 +257,14 @@ impl InstantGi {
         for work in self.work() {
             work.record(encoder, &world, timer.as_deref_mut(), work.dispatches);
         }
-        self.filter
-            .record(context, encoder, &self.targets, &self.stages)?;
+        self.record_filter(context, encoder, timer.as_deref_mut())?;
         self.compose()
             .record(encoder, &world, timer, &[Dispatch::over_pixels(self.size)]);
         Ok(())
     }
 
     /// Renders what a camera sees and reads it back, in submissions that no driver's watchdog minds; `progress` is told how
-    /// far it is. What a stage took is by the device's clock, or where it has none, and for `filter`, by the host's.
+    /// far it is. What a stage took is by the device's clock, or where it has none by the host's.
     ///
     /// # Errors
     /// As [`record`](Self::record) and [`read`](Self::read).
@@ -314,9 +313,8 @@ impl InstantGi {
                 })?;
             }
         }
-        submit("filter", &mut |encoder, _| {
-            self.filter
-                .record(context, encoder, &self.targets, &self.stages)
+        submit("filter", &mut |encoder, timer| {
+            self.record_filter(context, encoder, Some(timer))
         })?;
         submit("compose", &mut |encoder, timer| {
             let pixels = [Dispatch::over_pixels(self.size)];
@@ -329,6 +327,22 @@ impl InstantGi {
             pass.seconds = time.map_or(0.0, |(_, time)| time.as_secs_f64());
         }
         Ok(stages)
+    }
+
+    fn record_filter(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        timer: Option<&mut Timer>,
+    ) -> Result<()> {
+        let record = |encoder: &mut wgpu::CommandEncoder| {
+            self.filter
+                .record(context, encoder, &self.targets, &self.stages)
+        };
+        match timer {
+            Some(timer) => timer.around("filter", encoder, record),
+            None => record(encoder),
+        }
     }
 
     /// Stages 1 to 4.
@@ -356,9 +370,12 @@ impl InstantGi {
                 dispatches: &self.pieces.direct,
             },
         ];
-        if let Some(pass) = &passes.specular {
+        for (name, pass) in ["direct", "mirrored"]
+            .into_iter()
+            .zip(passes.specular.iter().flatten())
+        {
             all.push(Work {
-                name: "mirrored",
+                name,
                 pass,
                 dispatches: &self.pieces.specular,
             });

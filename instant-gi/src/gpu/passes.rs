@@ -55,8 +55,8 @@ pub(super) struct Passes {
     pub(super) compact: Bound,
     pub(super) camera: Bound,
     pub(super) direct: Bound,
-    /// `None` where nothing mirrors or refracts.
-    pub(super) specular: Option<Bound>,
+    /// The tree of rays, and the light of the virtual point lights on what it shows; `None` where nothing mirrors or refracts.
+    pub(super) specular: Option<[Bound; 2]>,
     pub(super) indirect: Bound,
     /// `None` where samples compute their own part of the lights alone.
     pub(super) fill: Option<Bound>,
@@ -81,7 +81,8 @@ impl Passes {
             .tracer(world.exact)
             .secondary(world.secondary)
             .feature("compensated", params.compensates())
-            .feature("filled", params.fills());
+            .feature("filled", params.fills())
+            .feature("mirrored", false);
         let groups = [
             world.exact.bind_group_layout(),
             world.gpu_scene.bind_group_layout(),
@@ -89,7 +90,7 @@ impl Passes {
         ];
         let views = shared.targets.views(shared.stages);
         let resources = shared.resources(&views);
-        let bound = |module: &str, entry_point, others: usize| -> Result<Bound> {
+        let linked = |linker: &Linker, module: &str, entry_point, others: usize| -> Result<Bound> {
             let shader = linker.link(&format!("instant_gi::{module}"))?;
             let compute = shader.compute_pass(context, entry_point, &groups[..others], &[PIECE])?;
             Ok(Bound {
@@ -98,13 +99,18 @@ impl Passes {
                 others,
             })
         };
+        let bound = |module, entry_point, others| linked(&linker, module, entry_point, others);
+        let lit = linker.clone().feature("mirrored", true);
         Ok(Self {
             shoot: bound("emission", "shoot", 2)?,
             compact: bound("emission", "compact", 0)?,
             camera: bound("gbuffer", "camera", 2)?,
             direct: bound("direct", "direct", 2)?,
             specular: match reflects {
-                true => Some(bound("specular", "specular", 3)?),
+                true => Some([
+                    bound("specular", "specular", 2)?,
+                    linked(&lit, "specular", "specular", 3)?,
+                ]),
                 false => None,
             },
             indirect: bound("indirect", "indirect", 3)?,
@@ -126,7 +132,8 @@ pub(super) struct Targets {
     hits: TextureView,
     pub(super) normals: TextureView,
     pub(super) depths: TextureView,
-    pub(super) hidden: wgpu::Texture,
+    /// What the tree of rays found without the virtual point lights.
+    pub(super) tree: wgpu::Texture,
     /// `None` where the samples are the picture.
     samples: Option<wgpu::Texture>,
     /// Of each sample its part of the light, where the others are filled in.
@@ -167,7 +174,7 @@ impl Targets {
             hits: whole(&hits),
             normals: guide("normals", size)?,
             depths: guide("depths", size)?,
-            hidden: texture(context, "hidden rays", size, TextureFormat::R32Float)?,
+            tree: picture("specular but for virtual point lights")?,
             samples: match upsample.is_copy() {
                 true => None,
                 false => Some(texture(context, "samples", grid, color)?),
@@ -193,7 +200,7 @@ impl Targets {
     }
 
     /// By their bindings in the shaders.
-    fn views(&self, stages: &StageTextures) -> [(u32, TextureView); 19] {
+    fn views(&self, stages: &StageTextures) -> [(u32, TextureView); 20] {
         let samples = self.samples(stages);
         let own = whole(self.parts.as_ref().unwrap_or(samples));
         let [direct, specular, irradiance, indirect, picture] = [
@@ -213,8 +220,8 @@ impl Targets {
             (10, own.clone()),
             (11, self.sample_normals.clone()),
             (12, self.sample_depths.clone()),
-            (13, specular.clone()),
-            (14, whole(&self.hidden)),
+            (13, whole(&self.tree)),
+            (14, specular.clone()),
             (15, direct),
             (16, specular),
             (17, irradiance),
@@ -224,6 +231,7 @@ impl Targets {
             (21, self.sample_normals.clone()),
             (22, self.sample_depths.clone()),
             (23, whole(samples)),
+            (24, whole(&self.tree)),
         ]
     }
 }

@@ -11,7 +11,7 @@ const WORDS: usize = 3;
 
 impl InstantGi {
     /// The stages' results, once what [`record`](Self::record) has recorded was submitted. Of what they took only rays are
-    /// known; `mirrored` is all that mirrors and glass take. Of the virtual point lights' surfaces only place and normal are
+    /// known. Of the virtual point lights' surfaces only place and normal are
     /// known.
     ///
     /// # Errors
@@ -19,23 +19,25 @@ impl InstantGi {
     pub fn read(&self, context: &Context) -> Result<Stages> {
         let stages = &self.stages;
         let (direct, direct_rays) = colors(context, &stages.direct)?;
-        let (specular, specular_rays) = match self.passes.specular {
-            Some(_) => colors(context, &stages.specular)?,
-            None => (vec![Vec3::ZERO; direct.len()], 0),
+        let (specular, tree_rays, hidden_rays) = match self.passes.specular {
+            Some(_) => {
+                let (_, tree_rays) = colors(context, &self.targets.tree)?;
+                let (specular, hidden_rays) = colors(context, &stages.specular)?;
+                (specular, tree_rays, hidden_rays)
+            }
+            None => (vec![Vec3::ZERO; direct.len()], 0, 0),
         };
-        let hidden: Vec<f32> = context.read_texture("hidden rays", &self.targets.hidden)?;
-        let hidden: u64 = hidden.iter().map(|&rays| rays as u64).sum();
         let (_, sample_rays) = colors(context, self.targets.samples(stages))?;
         let (vpls, path_rays) = self.vpls(context)?;
         let pixels = direct.len() as u64;
         let passes = [
-            ("vpls", path_rays, 0),
-            ("camera", pixels, 0),
-            ("direct", direct_rays, 0),
-            ("mirrored", specular_rays - hidden, hidden),
-            ("indirect", sample_rays, 0),
-            ("filter", 0, 0),
-            ("compose", 0, 0),
+            ("vpls", path_rays),
+            ("camera", pixels),
+            ("direct", direct_rays + tree_rays),
+            ("mirrored", hidden_rays),
+            ("indirect", sample_rays),
+            ("filter", 0),
+            ("compose", 0),
         ];
         Ok(Stages {
             direct,
@@ -45,11 +47,10 @@ impl InstantGi {
             picture: colors(context, &stages.picture)?.0,
             vpls,
             passes: passes
-                .map(|(name, rays, shadow_rays)| Pass {
+                .map(|(name, rays)| Pass {
                     name,
                     rays,
-                    shadow_rays,
-                    seconds: 0.0,
+                    ..Pass::default()
                 })
                 .into(),
         })

@@ -16,12 +16,13 @@ pub struct PassTime {
 
 /// Measures passes by timestamps. On devices without timestamp queries it measures nothing, at no cost.
 ///
-/// Give [`compute`](Self::compute) or [`render`](Self::render) to each pass, [`resolve`](Self::resolve) after the
-/// last one, and [`read`](Self::read) once the commands have been submitted.
+/// Give [`compute`](Self::compute) or [`render`](Self::render) to each pass, or put [`around`](Self::around) around several;
+/// [`resolve`](Self::resolve) after the last one, and [`read`](Self::read) once the commands have been submitted.
 #[derive(Debug)]
 pub struct Timer {
     queries: Option<Queries>,
     names: Vec<String>,
+    tells_between_passes: bool,
 }
 
 #[derive(Debug)]
@@ -54,6 +55,9 @@ impl Timer {
         Self {
             queries,
             names: Vec::new(),
+            tells_between_passes: device
+                .features()
+                .contains(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS),
         }
     }
 
@@ -75,6 +79,27 @@ impl Timer {
             beginning_of_pass_write_index: Some(first),
             end_of_pass_write_index: Some(first + 1),
         })
+    }
+
+    /// Times what is recorded by `record`, of as many passes as it likes. Where the device cannot tell the time between passes
+    /// ([`TIMESTAMP_QUERY_INSIDE_ENCODERS`](wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS)) nothing is measured.
+    pub fn around<T>(
+        &mut self,
+        name: &str,
+        encoder: &mut wgpu::CommandEncoder,
+        record: impl FnOnce(&mut wgpu::CommandEncoder) -> T,
+    ) -> T {
+        let queries = match self.tells_between_passes {
+            true => self.begin(name),
+            false => None,
+        };
+        let Some((query_set, first)) = queries else {
+            return record(encoder);
+        };
+        encoder.write_timestamp(query_set, first);
+        let result = record(encoder);
+        encoder.write_timestamp(query_set, first + 1);
+        result
     }
 
     fn begin(&mut self, name: &str) -> Option<(&wgpu::QuerySet, u32)> {
