@@ -24,6 +24,21 @@ pub(crate) fn tile(text: &str) -> Result<[u32; 2], String> {
     sides.ok_or_else(|| "expected two sides of 1 to 8, like 3x3".into())
 }
 
+/// The side of a shadow map.
+pub(crate) fn map_side(text: &str) -> Result<u32, String> {
+    text.parse()
+        .ok()
+        .filter(|side: &u32| (8..=1024).contains(side) && side.is_multiple_of(8))
+        .ok_or_else(|| "expected a multiple of 8 from 8 to 1024".into())
+}
+
+/// A bias of shadow maps.
+pub(crate) fn bias(text: &str) -> Result<f32, String> {
+    number(text, "a number of texels from 0 to 16", |value| {
+        (0.0..=16.0).contains(&value)
+    })
+}
+
 /// A distance: above 0, perhaps infinite (`inf`).
 pub(crate) fn distance(text: &str) -> Result<f32, String> {
     number(text, "a distance above 0 in metres, or inf", |value| {

@@ -514,11 +514,27 @@ fn the_technique_igi_renders() {
     render(&[&igi[..], &["--tracer=bvh-boxes", "-o", "boxes.exr"]].concat());
     let boxes = bias("boxes.exr");
     assert!(boxes < -0.01 && boxes > -0.6, "{boxes}");
+    // Shadow maps, filled by a tracer that is not exact.
+    let maps = ["--igi-visibility=maps", "--igi-map-size=64", "--tracer=ldi"];
+    render(&[&igi[..], &maps, &["-o", "maps.exr"]].concat());
+    assert!(bias("maps.exr").abs() < 0.05, "{}", bias("maps.exr"));
     for (flags, expected) in [
         (&["--technique=igi", "--spp=4"][..], "--igi-paths"),
         (&["--technique=igi", "--quantity=ao"], "but not ao"),
         (&["--technique=igi", "--igi-interleaving=9x1"], "3x3"),
         (&["--igi-paths=4"], "--technique igi"),
+        (
+            &["--technique=igi", "--igi-map-size=64"],
+            "--igi-visibility maps",
+        ),
+        (
+            &[
+                "--technique=igi",
+                "--igi-visibility=maps",
+                "--igi-map-size=9",
+            ],
+            "a multiple of 8",
+        ),
         (
             &["--tracer=bvh-boxes", "--quantity=indirect"],
             "the secondary tracer",

@@ -5,15 +5,18 @@
 //!     [--case PATHS:VISIBILITY:DOWNSAMPLING:MxN:PATTERN:FILTER:SEQUENCE]...
 //! ```
 //!
-//! Visibility is `triangles` or `boxes`, the pattern `regular` or `irregular`, the filter `edges`, `fill` or `paper`, the sequence
-//! `lattice` or `halton`; what is left out is the plain method's. Materials are diffuse, unless some are made mirrors. Every frame shoots its light paths anew
+//! Visibility is `triangles`, `boxes` or `maps[/SIDE[/BIAS[/nearest]]]`, the pattern `regular` or `irregular`, the filter `edges`,
+//! `fill` or `paper`, the sequence `lattice` or `halton`; what is left out is the plain method's. Materials are diffuse, unless some
+//! are made mirrors. Every frame shoots its light paths anew
 //! and is rendered wholly; times are medians over the frames. Errors are those of the indirect light against the plain
 //! method with the same light paths. The built-in office and 180 light paths unless given.
 
 use std::{path::Path, sync::Arc, time::Instant};
 
 use glam::Vec3;
-use isophote_instant_gi::{Filter, GiParams, InstantGi, Pattern, Sequence, Stages};
+use isophote_instant_gi::{
+    Filter, GiParams, InstantGi, Lookup, Pattern, Sequence, ShadowMaps, Stages, Visibility,
+};
 use isophote_scene::{
     BuildTracer, BvhOptions, BvhTracer, Leaves, Scene, Selection, builtin, load,
     reference::{Materials, Tracers},
@@ -84,7 +87,12 @@ impl Case {
         let mut parts = text.split(':');
         let mut next = || parts.next();
         let paths = next().map_or(180, |paths| paths.parse().expect("a number"));
-        let boxes = next() == Some("boxes");
+        let seen_by = next().unwrap_or("triangles");
+        let boxes = seen_by == "boxes";
+        let visibility = match seen_by.strip_prefix("maps") {
+            Some(maps) => Visibility::Maps(shadow_maps(maps)),
+            None => Visibility::Rays,
+        };
         let params = GiParams {
             paths,
             downsampling: next().map_or(1, |factor| factor.parse().expect("a number")),
@@ -102,12 +110,29 @@ impl Case {
                 Some("halton") => Sequence::Halton,
                 _ => Sequence::Lattice,
             },
+            visibility,
             light_rays: 1,
             materials,
             ..GiParams::default()
         };
         Self { boxes, params }
     }
+}
+
+/// Side, bias and look-up, each behind a slash.
+fn shadow_maps(text: &str) -> ShadowMaps {
+    let mut maps = ShadowMaps::default();
+    let mut parts = text.split('/').skip(1);
+    if let Some(side) = parts.next() {
+        maps.resolution = side.parse().expect("a number");
+    }
+    if let Some(bias) = parts.next() {
+        maps.bias = bias.parse().expect("a number");
+    }
+    if parts.next() == Some("nearest") {
+        maps.lookup = Lookup::Nearest;
+    }
+    maps
 }
 
 /// A scene and who answers its rays.
@@ -184,6 +209,7 @@ impl<'a> Bench<'a> {
             params: GiParams {
                 downsampling: 1,
                 interleaving: [1, 1],
+                visibility: Visibility::Rays,
                 ..case.params
             },
         };

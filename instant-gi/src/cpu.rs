@@ -7,6 +7,7 @@ pub mod emission;
 mod fill;
 pub(crate) mod filter;
 pub(crate) mod indirect;
+pub mod maps;
 mod samples;
 mod specular;
 mod tiles;
@@ -26,12 +27,13 @@ use rayon::prelude::*;
 use self::{
     emission::{Vpl, shoot},
     filter::Upsample,
-    indirect::Gather,
+    indirect::{Gather, Sight},
+    maps::Maps,
     samples::Samples,
     specular::Tree,
     tiles::{Direct, Tiles},
 };
-use crate::{Error, GiParams, Result};
+use crate::{Error, GiParams, Result, Visibility};
 
 /// Most pixels of a picture: what is known of each takes up to 256 bytes.
 const MOST_PIXELS: u64 = 1 << 25;
@@ -59,8 +61,9 @@ pub struct Stages {
     pub picture: Vec<Vec3>,
     /// The virtual point lights.
     pub vpls: Vec<Vpl>,
-    /// What each stage took: `vpls`, `camera`, `direct`, `mirrored`, `indirect`, `filter`, `compose`. `mirrored` is the
-    /// light of the virtual point lights on what mirrors and glass show: the paper's hidden cost, part of its direct stage.
+    /// What each stage took: `vpls`, `camera`, `maps`, `direct`, `mirrored`, `indirect`, `filter`, `compose`. `mirrored`
+    /// is the light of the virtual point lights on what mirrors and glass show: the paper's hidden cost, part of its direct
+    /// stage. `maps` takes nothing where points see by rays.
     pub passes: Vec<Pass>,
 }
 
@@ -69,15 +72,14 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
     ///
     /// # Errors
     /// [`Error::Parameter`] and [`Error::Filter`] for parameters out of their range, [`Error::Scene`] when the exact tracer
-    /// does not answer [`Answers::Surface`], or the secondary one, which must when the bound is compensated.
+    /// does not answer [`Answers::Surface`], or the secondary one, which must when the bound is compensated, and
+    /// [`Answers::Distance`] when it fills shadow maps.
     pub fn new(scene: &'a Scene, tracers: Tracers<'a, E, S>, params: &GiParams) -> Result<Self> {
         params.check()?;
         let exact = tracers.exact.answers();
         exact.require(Answers::Surface, "igi", "the exact tracer")?;
-        if params.compensates() {
-            let secondary = tracers.secondary.answers();
-            secondary.require(Answers::Surface, "igi", "the secondary tracer")?;
-        }
+        let secondary = tracers.secondary.answers();
+        secondary.require(params.needs(), "igi", "the secondary tracer")?;
         Ok(Self {
             scene,
             tracers,
@@ -89,7 +91,8 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
     /// Renders what a camera sees; `progress` is told how far it is.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for a size of zero, or of more than 2²⁵ pixels.
+    /// [`Error::Parameter`] for a size of zero, or of more than 2²⁵ pixels; [`Error::TooLarge`] for shadow maps of more than
+    /// 4 GiB.
     pub fn render(
         &self,
         camera: &Camera,
@@ -108,7 +111,19 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
             let seen = GBuffer::see(scene, exact, camera, size, params.materials);
             (seen, [pixels, 0])
         });
-        let gather = Gather::new(scene, self.tracers.secondary, &self.direct, &vpls, params);
+        let maps = Pass::timed(&mut passes, "maps", || self.maps(&vpls))?;
+        let sight = match &maps {
+            Some(maps) => Sight::Maps(maps),
+            None => Sight::Rays,
+        };
+        let gather = Gather::new(
+            scene,
+            self.tracers.secondary,
+            &self.direct,
+            &vpls,
+            sight,
+            params,
+        );
         let [columns, rows] = upsample.grid.size();
         let meter = Meter {
             progress,
@@ -180,6 +195,17 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
             vpls,
             passes,
         })
+    }
+
+    /// The shadow maps of the lights, if points see by them; and the number of rays.
+    fn maps(&self, vpls: &[Vpl]) -> (Result<Option<Maps>>, [u64; 2]) {
+        let Visibility::Maps(params) = &self.params.visibility else {
+            return (Ok(None), [0; 2]);
+        };
+        match Maps::new(self.tracers.secondary, vpls, params) {
+            Ok((maps, rays)) => (Ok(Some(maps)), [rays, 0]),
+            Err(error) => (Err(error), [0; 2]),
+        }
     }
 }
 

@@ -17,6 +17,18 @@ pub enum Error {
         /// What was expected.
         expected: &'static str,
     },
+    /// Something would take more memory than is allowed.
+    #[error("{what} would take {bytes} bytes, more than the {limit} that are allowed; {remedy}")]
+    TooLarge {
+        /// What would be allocated.
+        what: String,
+        /// How much that is.
+        bytes: u64,
+        /// The limit.
+        limit: u64,
+        /// What to do about it.
+        remedy: &'static str,
+    },
     /// The scene, or a tracer of it.
     #[error(transparent)]
     Scene(#[from] isophote_scene::Error),

@@ -4,16 +4,17 @@
 //! |---|---|---|
 //! | 1. virtual point lights | `cpu/emission.rs` | `shaders/emission.wesl` |
 //! | 2. what the camera sees | `isophote_scene::GBuffer` | `shaders/gbuffer.wesl` |
-//! | 3. direct light | `cpu/specular.rs` | `shaders/direct.wesl` |
-//! | 3. mirrors and glass | `cpu/specular.rs` | `shaders/specular.wesl` |
-//! | 4. indirect light | `cpu/{samples,indirect}.rs` | `shaders/indirect.wesl` |
-//! | 4. the filter `fill` | `cpu/fill.rs` | `shaders/fill.wesl` |
-//! | 5. samples become a picture | `cpu/filter.rs` | `gpu/filter.rs`, over `isophote-filters` |
+//! | 3. shadow maps | `cpu/maps.rs` | `shaders/maps.wesl` |
+//! | 4. direct light | `cpu/specular.rs` | `shaders/direct.wesl` |
+//! | 4. mirrors and glass | `cpu/specular.rs` | `shaders/specular.wesl` |
+//! | 5. indirect light | `cpu/{samples,indirect}.rs` | `shaders/indirect.wesl` |
+//! | 5. the filter `fill` | `cpu/fill.rs` | `shaders/fill.wesl` |
+//! | 6. samples become a picture | `cpu/filter.rs` | `gpu/filter.rs`, over `isophote-filters` |
 //!
 //! Paths, samples and rays are chosen as on the CPU, so that the pictures differ by rounding alone. Everything is made anew
 //! for each picture, on the device: nothing is read back in between.
 //!
-//! The shaders of stages 3 and 4 ask two tracers at once. Of the 8 storage buffers of a stage the scene takes 3, each tracer
+//! The shaders of stages 4 and 5 ask two tracers at once. Of the 8 storage buffers of a stage the scene takes 3, each tracer
 //! 2, and this one; what stages leave to each other lies in textures.
 
 mod filter;
@@ -36,7 +37,7 @@ use self::{
     passes::{Bound, Passes, Shared, Targets},
 };
 use crate::{
-    GiParams, Pattern, Result, Sequence, Stages,
+    GiParams, Lookup, Pattern, Result, Sequence, Stages,
     cpu::{check_size, filter::Upsample, indirect::COMPENSATION},
 };
 
@@ -44,8 +45,8 @@ use crate::{
 pub const SHADERS: ShaderPackage = shader_package!(
     "instant_gi",
     [
-        "compose", "direct", "emission", "fill", "gbuffer", "indirect", "params", "specular",
-        "vpls",
+        "compose", "direct", "emission", "fill", "gbuffer", "indirect", "maps", "params",
+        "specular", "vpls",
     ]
 );
 
@@ -80,6 +81,10 @@ struct GpuParams {
     pbr: u32,
     rotated: u32,
     lattice: u32,
+    map_side: u32,
+    map_columns: u32,
+    map_bias: f32,
+    map_smooth: u32,
 }
 
 /// `Piece` of params.wesl.
@@ -123,6 +128,7 @@ pub struct InstantGi {
 #[derive(Debug)]
 struct Pieces {
     array: UniformArray<Piece>,
+    maps: Vec<Dispatch>,
     direct: Vec<Dispatch>,
     specular: Vec<Dispatch>,
     indirect: Vec<Dispatch>,
@@ -133,8 +139,7 @@ impl Pieces {
         context: &Context,
         scene: &Scene,
         params: &GiParams,
-        pixels: u32,
-        samples: u32,
+        [texels, pixels, samples]: [u32; 3],
     ) -> Result<Self> {
         let lights = u64::from(params.paths) * u64::from(params.bounces);
         let parts: u32 = params.interleaving.iter().product();
@@ -157,6 +162,7 @@ impl Pieces {
             };
             firsts.map(dispatch).collect()
         };
+        let maps = split(texels, 1);
         let direct = split(pixels, of_direct);
         let specular = split(pixels, of_tree);
         let indirect = split(
@@ -165,6 +171,7 @@ impl Pieces {
         );
         Ok(Self {
             array: UniformArray::new(context, "pieces", &all)?,
+            maps,
             direct,
             specular,
             indirect,
@@ -185,8 +192,8 @@ impl InstantGi {
     /// # Errors
     /// [`Error::Parameter`](crate::Error::Parameter) and [`Error::Filter`](crate::Error::Filter) for parameters out of their
     /// range and a size of zero or of more than 2²⁵ pixels; [`Error::Scene`](crate::Error::Scene) when the exact tracer does
-    /// not answer [`Answers::Surface`], or the secondary one, which must when the bound is compensated, when a tracer's
-    /// module does not link, or the device allows no such textures and buffers.
+    /// not answer [`Answers::Surface`], or the secondary one, which must when the bound is compensated, and
+    /// [`Answers::Distance`] when it fills shadow maps, when a tracer's module does not link, or the device allows no such textures and buffers.
     pub fn new(
         context: &Context,
         world: World<'_>,
@@ -197,20 +204,14 @@ impl InstantGi {
         check_size(size)?;
         let exact = world.exact.answers();
         exact.require(Answers::Surface, "igi", "the exact tracer")?;
-        if params.compensates() {
-            let secondary = world.secondary.answers();
-            secondary.require(Answers::Surface, "igi", "the secondary tracer")?;
-        }
+        let secondary = world.secondary.answers();
+        secondary.require(params.needs(), "igi", "the secondary tracer")?;
         let upsample = Upsample::new(size, params)?;
         let grid = upsample.grid.size().map(|side| side as u32);
-        let pieces = Pieces::new(
-            context,
-            world.scene,
-            params,
-            size[0] * size[1],
-            grid[0] * grid[1],
-        )?;
         let (targets, stages) = Targets::new(context, params, &upsample, size)?;
+        let texels = targets.atlas.map_or(0, |atlas| atlas.texels());
+        let points = [texels, size[0] * size[1], grid[0] * grid[1]];
+        let pieces = Pieces::new(context, world.scene, params, points)?;
         let settings = context.buffer::<GpuParams>("settings", &[], wgpu::BufferUsages::UNIFORM)?;
         let reflects =
             params.depth > 0 && params.materials == Materials::Pbr && has_specular(world.scene);
@@ -345,7 +346,7 @@ impl InstantGi {
         }
     }
 
-    /// Stages 1 to 4.
+    /// Stages 1 to 5.
     fn work(&self) -> Vec<Work<'_>> {
         let passes = &self.passes;
         let mut all = vec![
@@ -364,12 +365,17 @@ impl InstantGi {
                 pass: &passes.camera,
                 dispatches: &self.targets.pixels,
             },
-            Work {
-                name: "direct",
-                pass: &passes.direct,
-                dispatches: &self.pieces.direct,
-            },
         ];
+        all.extend(passes.maps.as_ref().map(|pass| Work {
+            name: "maps",
+            pass,
+            dispatches: &self.pieces.maps,
+        }));
+        all.push(Work {
+            name: "direct",
+            pass: &passes.direct,
+            dispatches: &self.pieces.direct,
+        });
         for (name, pass) in ["direct", "mirrored"]
             .into_iter()
             .zip(passes.specular.iter().flatten())
@@ -403,6 +409,7 @@ impl InstantGi {
         self.filter.set_camera(context, &eye)?;
         let params = &self.params;
         let downsampling = params.downsampling;
+        let maps = params.shadow_maps().copied().unwrap_or_default();
         let settings = GpuParams {
             view: View::of_camera(camera, self.size, &world.gpu_scene.bounds()),
             eye: eye.eye.to_array(),
@@ -425,6 +432,10 @@ impl InstantGi {
             pbr: u32::from(params.materials == Materials::Pbr),
             rotated: u32::from(params.seed != 0),
             lattice: u32::from(params.sequence == Sequence::Lattice),
+            map_side: maps.resolution,
+            map_columns: self.targets.atlas.map_or(1, |atlas| atlas.columns),
+            map_bias: maps.bias,
+            map_smooth: u32::from(maps.lookup == Lookup::Smooth),
         };
         context.check("settings", |_| {
             let bytes = bytemuck::bytes_of(&settings);

@@ -4,9 +4,10 @@
 //!
 //! 1. [`cpu::emission`]: light paths make virtual point lights (§4).
 //! 2. [`isophote_scene::GBuffer`]: what the camera sees.
-//! 3. `cpu/tiles.rs` and `cpu/specular.rs`: light straight from the lights, mirrors and glass (§4).
-//! 4. `cpu/samples.rs`, `cpu/indirect.rs`: the virtual point lights' light (Eq. (1)), of all or of a part of them (§4.2, §4.3).
-//! 5. `cpu/filter.rs`: samples become a picture (Eq. (2), §4.3).
+//! 3. [`cpu::maps`]: shadow maps of the virtual point lights, where they are asked for (§6).
+//! 4. `cpu/tiles.rs` and `cpu/specular.rs`: light straight from the lights, mirrors and glass (§4).
+//! 5. `cpu/samples.rs`, `cpu/indirect.rs`: the virtual point lights' light (Eq. (1)), of all or of a part of them (§4.2, §4.3).
+//! 6. `cpu/filter.rs`: samples become a picture (Eq. (2), §4.3).
 //!
 //! The same stages on GPUs: `gpu.rs` and the shaders of the stages' names (feature `gpu`).
 //!
@@ -20,6 +21,7 @@
 //! | §4.1, imperfect visibility | a tracer of boxes as the secondary one: `Leaves::Boxes` of scene's trees on CPUs and GPUs, or `boxes` of ray queries |
 //! | §4.2, downsampling, Eq. (2) | [`GiParams::downsampling`], [`isophote_filters::JointBilateral`] |
 //! | §4.3, interleaved sampling, discontinuity buffer | [`GiParams::interleaving`], [`isophote_filters::DiscontinuityBuffer`] |
+//! | §6, visibility by parabolic shadow maps | [`Visibility::Maps`], [`cpu::maps`] |
 //! | §6, both filters in a single pass | [`isophote_filters::SinglePass`] |
 //! | §6, irregular interleaving | [`Pattern::Irregular`] |
 //!
@@ -35,7 +37,8 @@
 //!   sample the parts of the lights that no sample around it has on its surface (`cpu/fill.rs`).
 //! - What mirrors and glass show is lit tile by tile and timed apart; the paper lights it where it is hit.
 //! - Imperfect visibility needs no second structure: [`isophote_scene::BvhTracer::with_leaves`] asks one tree for boxes.
-//! - Not there: visibility of virtual lights by parabolic shadow maps (§6), and interpolation for what mirrors show (§6).
+//! - Shadow maps are filled by rays of the secondary tracer, not by rasterisation, so that any tracer has them.
+//! - Not there: interpolation for what mirrors show (§6).
 
 pub mod cpu;
 mod error;
@@ -46,5 +49,5 @@ mod params;
 pub use self::{
     cpu::{InstantGi, Stages},
     error::{Error, Result},
-    params::{Filter, GiParams, Pattern, Sequence},
+    params::{Filter, GiParams, Lookup, Pattern, Sequence, ShadowMaps, Visibility},
 };

@@ -1,6 +1,6 @@
 //! What can be chosen.
 
-use isophote_scene::reference::Materials;
+use isophote_scene::{Answers, reference::Materials};
 
 use crate::{Error, Result};
 
@@ -34,6 +34,8 @@ pub struct GiParams {
     pub pattern: Pattern,
     /// How samples become a picture.
     pub filter: Filter,
+    /// How points see the virtual point lights.
+    pub visibility: Visibility,
     /// Which part of the materials counts.
     pub materials: Materials,
     /// Chooses the samples. Another seed shoots other light paths.
@@ -49,6 +51,49 @@ pub enum Sequence {
     /// spherical Fibonacci lattice.
     #[default]
     Lattice,
+}
+
+/// How points see the virtual point lights: V of Eq. (1).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Visibility {
+    /// By a ray of the secondary tracer for each point and light (§4).
+    #[default]
+    Rays,
+    /// By shadow maps of the lights, which the secondary tracer fills (§6): a ray for each texel. It must answer
+    /// [`Distance`](isophote_scene::Answers::Distance).
+    Maps(ShadowMaps),
+}
+
+/// Paraboloid shadow maps of the virtual point lights (proposed in §6).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShadowMaps {
+    /// Texels of a map's side, 8 to 1024, a multiple of 8. Each light has a map of four bytes a texel.
+    pub resolution: u32,
+    /// How much nearer than a point what hides it must be, 0 to 16 texels' widths there. Less darkens corners and curved
+    /// surfaces, more lets light through near what stands on something.
+    pub bias: f32,
+    /// How points look texels up.
+    pub lookup: Lookup,
+}
+
+/// How points look the texels of shadow maps up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Lookup {
+    /// The texel they fall on says whether they see the light.
+    Nearest,
+    /// The four around them do, weighted by how near they are (percentage-closer filtering).
+    #[default]
+    Smooth,
+}
+
+impl Default for ShadowMaps {
+    fn default() -> Self {
+        Self {
+            resolution: 128,
+            bias: 0.5,
+            lookup: Lookup::default(),
+        }
+    }
 }
 
 /// Which sample of a tile of interleaved sampling has which part of the lights.
@@ -89,6 +134,7 @@ impl Default for GiParams {
             interleaving: [1, 1],
             pattern: Pattern::default(),
             filter: Filter::default(),
+            visibility: Visibility::default(),
             materials: Materials::default(),
             seed: 0,
         }
@@ -99,6 +145,15 @@ impl GiParams {
     /// Whether there is anything to compensate.
     pub(crate) fn compensates(&self) -> bool {
         self.compensation > 0 && self.min_d > 0.0
+    }
+
+    /// The shadow maps, where points see by them.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn shadow_maps(&self) -> Option<&ShadowMaps> {
+        match &self.visibility {
+            Visibility::Rays => None,
+            Visibility::Maps(maps) => Some(maps),
+        }
     }
 
     /// Whether samples compute the parts of the lights that they are not given.
@@ -192,6 +247,32 @@ impl GiParams {
         if !(self.min_d >= 0.0 && self.min_d.is_finite()) {
             return wrong("min_d", self.min_d.to_string(), "it must be 0 or positive");
         }
+        if let Visibility::Maps(maps) = &self.visibility {
+            let side = maps.resolution;
+            if !(8..=1024).contains(&side) || !side.is_multiple_of(8) {
+                return wrong(
+                    "the side of the shadow maps",
+                    side.to_string(),
+                    "it must be 8 to 1024 texels, a multiple of 8",
+                );
+            }
+            if !(0.0..=16.0).contains(&maps.bias) {
+                return wrong(
+                    "the bias of the shadow maps",
+                    maps.bias.to_string(),
+                    "it must be 0 to 16 texels",
+                );
+            }
+        }
         Ok(())
+    }
+
+    /// What the secondary tracer must answer.
+    pub(crate) fn needs(&self) -> Answers {
+        match self.visibility {
+            _ if self.compensates() => Answers::Surface,
+            Visibility::Maps(_) => Answers::Distance,
+            Visibility::Rays => Answers::Occlusion,
+        }
     }
 }

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use isophote_instant_gi::{
-    Error, Filter, GiParams, InstantGi, Pattern, Stages, cpu::emission::shoot,
+    Error, Filter, GiParams, InstantGi, Pattern, ShadowMaps, Stages, Visibility,
+    cpu::emission::shoot,
 };
 use isophote_scene::{
     Answers, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Hit, Leaves, Ray, Scene,
@@ -178,6 +179,17 @@ fn what_cannot_be_is_an_error() {
         secondary: &tracer,
     };
     let refused = InstantGi::new(&scene, tracers, &GiParams::default());
+    assert!(matches!(refused.err(), Some(Error::Scene(_))));
+    let maps = GiParams {
+        visibility: Visibility::Maps(ShadowMaps::default()),
+        ..GiParams::default()
+    };
+    let tracers: Tracers<'_, dyn Tracer, dyn Tracer> = Tracers {
+        exact: &tracer,
+        secondary: &shadows,
+    };
+    assert!(InstantGi::new(&scene, tracers, &GiParams::default()).is_ok());
+    let refused = InstantGi::new(&scene, tracers, &maps);
     assert!(matches!(refused.err(), Some(Error::Scene(_))));
     let wrong = [
         GiParams {

@@ -8,7 +8,9 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use isophote_instant_gi::{Filter, GiParams, InstantGi, Pattern, Stages, gpu};
+use isophote_instant_gi::{
+    Filter, GiParams, InstantGi, Lookup, Pattern, ShadowMaps, Stages, Visibility, gpu,
+};
 use isophote_scene::{
     BuildTracer, BvhOptions, BvhTracer, Environment, Leaves, Light, LightKind, Scene, Selection,
     builtin,
@@ -167,6 +169,13 @@ fn cases() -> Vec<(&'static str, Arc<Scene>, GiParams)> {
         ..GiParams::default()
     };
     let filled = cornell.clone();
+    let maps = |resolution, lookup| {
+        Visibility::Maps(ShadowMaps {
+            resolution,
+            lookup,
+            ..ShadowMaps::default()
+        })
+    };
     vec![
         ("plain", cornell.clone(), plain),
         (
@@ -219,7 +228,7 @@ fn cases() -> Vec<(&'static str, Arc<Scene>, GiParams)> {
         ),
         (
             "filled at every pixel",
-            filled,
+            filled.clone(),
             GiParams {
                 interleaving: [2, 3],
                 filter: Filter::Fill,
@@ -235,6 +244,27 @@ fn cases() -> Vec<(&'static str, Arc<Scene>, GiParams)> {
                 paths: 40,
                 depth: 3,
                 glossy_rays: 2,
+                ..plain
+            },
+        ),
+        (
+            "shadow maps",
+            zoo(),
+            GiParams {
+                paths: 40,
+                depth: 2,
+                glossy_rays: 1,
+                visibility: maps(32, Lookup::Smooth),
+                ..plain
+            },
+        ),
+        (
+            "shadow maps, nearest",
+            filled,
+            GiParams {
+                compensation: 2,
+                min_d: 0.4,
+                visibility: maps(24, Lookup::Nearest),
                 ..plain
             },
         ),

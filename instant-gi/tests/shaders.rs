@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use isophote_instant_gi::{Error, Filter, GiParams, gpu::InstantGi};
+use isophote_instant_gi::{Error, Filter, GiParams, ShadowMaps, Visibility, gpu::InstantGi};
 use isophote_scene::{
     Answers, Error as SceneError, Leaves, Scene, Selection, builtin,
     gpu::{
@@ -32,7 +32,7 @@ fn tracers(context: &Context, scene: &Arc<Scene>) -> Vec<Box<dyn GpuTracer>> {
 }
 
 /// The paper's settings, or everything else at once; with few lights where buffers are small.
-fn params(few: bool) -> [GiParams; 3] {
+fn params(few: bool) -> [GiParams; 4] {
     let paths = if few { 4 } else { 180 };
     let paper = GiParams {
         paths,
@@ -52,7 +52,11 @@ fn params(few: bool) -> [GiParams; 3] {
         filter: Filter::Fill,
         ..other
     };
-    [paper, other, filled]
+    let maps = GiParams {
+        visibility: Visibility::Maps(ShadowMaps::default()),
+        ..paper
+    };
+    [paper, other, filled, maps]
 }
 
 #[test]
@@ -150,6 +154,11 @@ fn what_does_not_fit_is_refused() {
             .map(drop)
             .unwrap_err()
     ));
+    let maps = GiParams {
+        visibility: Visibility::Maps(ShadowMaps::default()),
+        ..many
+    };
+    assert!(limit(make(0, 0, &maps, [8, 8])));
     for size in [[0, 8], [1 << 16, 1 << 16]] {
         assert!(matches!(make(0, 0, &plain, size), Error::Parameter { .. }));
     }

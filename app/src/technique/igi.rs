@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
-use isophote_instant_gi::{Filter, GiParams, InstantGi, Pattern, Sequence, Stages};
+use isophote_instant_gi::{
+    Filter, GiParams, InstantGi, Lookup, Pattern, Sequence, ShadowMaps, Stages, Visibility,
+};
 use isophote_scene::{
     Answers, Scene,
     reference::{Estimate, Layers, Normals, Progress, Quantity, Render},
@@ -66,6 +68,18 @@ pub(crate) struct IgiTechnique {
     /// How samples become a picture
     #[arg(long, value_enum, value_name = "FILTER", default_value = "edges")]
     igi_filter: FilterChoice,
+    /// How points see the virtual point lights
+    #[arg(long, value_enum, value_name = "WAY", default_value = "rays")]
+    igi_visibility: VisibilityChoice,
+    /// Texels of a shadow map's side, 8 to 1024, a multiple of 8; each light has a map of four bytes a texel
+    #[arg(long, value_name = "N", default_value_t = ShadowMaps::default().resolution, value_parser = values::map_side)]
+    igi_map_size: u32,
+    /// How much nearer than a point what hides it must be in a shadow map, 0 to 16 texels' widths there
+    #[arg(long, value_name = "TEXELS", default_value_t = ShadowMaps::default().bias, value_parser = values::bias)]
+    igi_map_bias: f32,
+    /// How points look the texels of shadow maps up
+    #[arg(long, value_enum, value_name = "HOW", default_value = "smooth")]
+    igi_map_lookup: LookupChoice,
 }
 
 // clap takes a bare array for a list of values.
@@ -97,7 +111,37 @@ enum FilterChoice {
     Fill,
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum VisibilityChoice {
+    /// By a ray for each point and light
+    Rays,
+    /// By paraboloid shadow maps of the lights, which the tracer fills
+    Maps,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum LookupChoice {
+    /// The texel they fall on
+    Nearest,
+    /// The four around them, weighted
+    Smooth,
+}
+
 impl IgiTechnique {
+    fn visibility(&self) -> Visibility {
+        match self.igi_visibility {
+            VisibilityChoice::Rays => Visibility::Rays,
+            VisibilityChoice::Maps => Visibility::Maps(ShadowMaps {
+                resolution: self.igi_map_size,
+                bias: self.igi_map_bias,
+                lookup: match self.igi_map_lookup {
+                    LookupChoice::Nearest => Lookup::Nearest,
+                    LookupChoice::Smooth => Lookup::Smooth,
+                },
+            }),
+        }
+    }
+
     fn params(&self, order: &Order<'_>) -> GiParams {
         GiParams {
             paths: self.igi_paths,
@@ -122,6 +166,7 @@ impl IgiTechnique {
                 FilterChoice::Edges => Filter::Edges,
                 FilterChoice::Fill => Filter::Fill,
             },
+            visibility: self.visibility(),
             materials: order.settings.materials,
             seed: order.settings.seed,
         }
@@ -147,6 +192,10 @@ impl Technique for IgiTechnique {
         .collect();
         let why = "the technique igi counts light paths: --igi-paths";
         idle.extend(Idle::all(["spp"], why));
+        if self.igi_visibility == VisibilityChoice::Rays {
+            let maps = ["igi_map_size", "igi_map_bias", "igi_map_lookup"];
+            idle.extend(Idle::all(maps, "it is for --igi-visibility maps"));
+        }
         idle
     }
 

@@ -13,7 +13,7 @@ use isophote_scene::{
     sample::{Frame, Sampler, cosine_hemisphere},
 };
 
-use super::emission::Vpl;
+use super::{emission::Vpl, maps::Maps};
 use crate::GiParams;
 
 /// Who gathers.
@@ -24,9 +24,17 @@ pub(super) struct Gather<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> {
     /// Light at what compensating rays hit.
     pub(super) direct: &'a DirectLight<'a, E>,
     pub(super) vpls: &'a [Vpl],
+    pub(super) sight: Sight<'a>,
     pub(super) params: &'a GiParams,
     /// How far off the tracer may be at each light, metres.
     tolerances: Vec<f32>,
+}
+
+/// How points see the lights.
+#[derive(Clone, Copy)]
+pub(super) enum Sight<'a> {
+    Rays,
+    Maps(&'a Maps),
 }
 
 /// A point that receives light.
@@ -82,6 +90,7 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
         tracer: &'a S,
         direct: &'a DirectLight<'a, E>,
         vpls: &'a [Vpl],
+        sight: Sight<'a>,
         params: &'a GiParams,
     ) -> Self {
         let tolerance = |vpl: &Vpl| tracer.tolerance(vpl.point.position);
@@ -90,6 +99,7 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
             tracer,
             direct,
             vpls,
+            sight,
             params,
             tolerances: vpls.iter().map(tolerance).collect(),
         }
@@ -105,6 +115,32 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
         let tolerance = |receiver: &Receiver<'_>| self.tracer.tolerance(receiver.point.position);
         let tolerances: Vec<f32> = receivers.iter().map(tolerance).collect();
         let by_part = by_part(receivers, share.parts);
+        let mut count = match self.sight {
+            Sight::Rays => self.by_rays(receivers, &tolerances, &by_part, share.scale, light),
+            Sight::Maps(maps) => {
+                self.by_maps(maps, receivers, &tolerances, &by_part, share.scale, light);
+                0
+            }
+        };
+        if share.compensate && self.params.compensates() {
+            for (receiver, light) in receivers.iter().zip(light) {
+                let (left_out, rays) = self.left_out(receiver);
+                *light += left_out;
+                count += rays;
+            }
+        }
+        count
+    }
+
+    /// Adds what each light of a part brings to the points of that part, and returns the number of rays.
+    fn by_rays(
+        &self,
+        receivers: &[Receiver<'_>],
+        tolerances: &[f32],
+        by_part: &[Vec<usize>],
+        scale: f32,
+        light: &mut [Vec3],
+    ) -> u64 {
         let (mut rays, mut arrivals) = (Vec::new(), Vec::new());
         let mut hidden = Vec::new();
         let mut count = 0;
@@ -123,9 +159,12 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
         for (number, vpl) in self.vpls.iter().enumerate() {
             for &index in &by_part[number % by_part.len()] {
                 let both = [tolerances[index], self.tolerances[number]];
-                if let Some((ray, arriving)) = self.towards(&receivers[index], vpl, both) {
+                let Receiver { point, normal, .. } = receivers[index];
+                if let Some(arriving) = self.arriving(point.position, normal, vpl)
+                    && let Some(ray) = ray_between(point, vpl, both)
+                {
                     rays.push(ray);
-                    arrivals.push((index, arriving * share.scale));
+                    arrivals.push((index, arriving * scale));
                 }
             }
             if rays.len() >= BATCH {
@@ -133,46 +172,51 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
             }
         }
         flush(&mut rays, &mut arrivals);
-        if share.compensate && self.params.compensates() {
-            for (receiver, light) in receivers.iter().zip(light) {
-                let (left_out, rays) = self.left_out(receiver);
-                *light += left_out;
-                count += rays;
-            }
-        }
         count
     }
 
-    /// `L_e` G of Eq. (1), and the ray that asks for V; `None` where no light would arrive.
-    fn towards(
+    /// The same by shadow maps (§6).
+    fn by_maps(
         &self,
-        receiver: &Receiver<'_>,
-        vpl: &Vpl,
-        [here, there]: [f32; 2],
-    ) -> Option<(Ray, Vec3)> {
-        let point = receiver.point;
-        let offset = vpl.point.position - point.position;
+        maps: &Maps,
+        receivers: &[Receiver<'_>],
+        tolerances: &[f32],
+        by_part: &[Vec<usize>],
+        scale: f32,
+        light: &mut [Vec3],
+    ) {
+        // Beside each other in memory, since every light asks for them.
+        let point = |receiver: &Receiver<'_>| {
+            let point = receiver.point;
+            (receiver.normal, point.position, point.geometric_normal)
+        };
+        let points: Vec<_> = receivers.iter().map(point).collect();
+        for (number, vpl) in self.vpls.iter().enumerate() {
+            for &index in &by_part[number % by_part.len()] {
+                let (normal, position, geometric) = points[index];
+                if let Some(arriving) = self.arriving(position, normal, vpl) {
+                    let seen = maps.visibility(number, position, geometric, tolerances[index]);
+                    light[index] += arriving * (scale * seen);
+                }
+            }
+        }
+    }
+
+    /// `L_e` G of Eq. (1) at a point with a shading normal; `None` where no light would arrive.
+    #[inline]
+    fn arriving(&self, point: Vec3, normal: Vec3, vpl: &Vpl) -> Option<Vec3> {
+        let offset = vpl.point.position - point;
+        // Cosines, times the distance.
+        let at_point = normal.dot(offset);
+        let at_light = -vpl.normal.dot(offset);
+        if !(at_point > 0.0 && at_light > 0.0) {
+            return None;
+        }
         let squared = offset.length_squared();
-        let distance = squared.sqrt();
-        let direction = offset / distance;
-        let cos_x = receiver.normal.dot(direction);
-        let cos_y = -vpl.normal.dot(direction);
+        let bounded = bound(self.params.min_d, squared.sqrt());
+        let arriving = vpl.intensity * (at_point * at_light / (squared * squared) * bounded);
         // Also false for NaN, where both are one point.
-        if !(cos_x > 0.0 && cos_y > 0.0) {
-            return None;
-        }
-        let bounded = bound(self.params.min_d, distance);
-        let arriving = vpl.intensity * (cos_x * cos_y / squared * bounded);
-        if arriving == Vec3::ZERO || !arriving.is_finite() {
-            return None;
-        }
-        let start = point.lifted(direction, here);
-        let end = vpl.point.lifted(-direction, there);
-        let way = end - start;
-        let length = way.length();
-        // Tracers that are off may not count the surface of the light.
-        let until = length - here.max(there);
-        (until > 0.0).then(|| (Ray::new(start, way / length).until(until), arriving))
+        (arriving.is_finite() && arriving != Vec3::ZERO).then_some(arriving)
     }
 
     /// What the bound leaves out, by rays that go where light is near (Kollig and Keller 2004): they take the radiance of
@@ -216,30 +260,46 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
 
     /// Light at a point of lights that have met one surface less, bounded.
     fn shorter(&self, point: &SurfacePoint, normal: Vec3) -> (Vec3, u64) {
-        let receiver = Receiver {
-            point,
-            normal,
-            parts: 1,
-            stream: 0,
-        };
         let here = self.tracer.tolerance(point.position);
         let mut rays = 0;
         let mut sum = Vec3::ZERO;
-        for (vpl, &there) in self
-            .vpls
-            .iter()
-            .zip(&self.tolerances)
-            .filter(|(vpl, _)| vpl.bounce < self.params.bounces)
-        {
-            if let Some((ray, arriving)) = self.towards(&receiver, vpl, [here, there]) {
-                rays += 1;
-                if !self.tracer.any_hit(&ray) {
-                    sum += arriving;
+        for (number, vpl) in self.vpls.iter().enumerate() {
+            if vpl.bounce >= self.params.bounces {
+                continue;
+            }
+            let Some(arriving) = self.arriving(point.position, normal, vpl) else {
+                continue;
+            };
+            match self.sight {
+                Sight::Rays => {
+                    let both = [here, self.tolerances[number]];
+                    if let Some(ray) = ray_between(point, vpl, both) {
+                        rays += 1;
+                        if !self.tracer.any_hit(&ray) {
+                            sum += arriving;
+                        }
+                    }
+                }
+                Sight::Maps(maps) => {
+                    let normal = point.geometric_normal;
+                    sum += arriving * maps.visibility(number, point.position, normal, here);
                 }
             }
         }
         (sum, rays)
     }
+}
+
+/// The ray that asks for V of Eq. (1) between a point and a light, which tracers may be off by; `None` where they are too near.
+fn ray_between(point: &SurfacePoint, vpl: &Vpl, [here, there]: [f32; 2]) -> Option<Ray> {
+    let direction = vpl.point.position - point.position;
+    let start = point.lifted(direction, here);
+    let end = vpl.point.lifted(-direction, there);
+    let way = end - start;
+    let length = way.length();
+    // Tracers that are off may not count the surface of the light.
+    let until = length - here.max(there);
+    (until > 0.0).then(|| Ray::new(start, way / length).until(until))
 }
 
 /// Compensating rays have random numbers of their own.

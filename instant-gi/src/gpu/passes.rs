@@ -54,6 +54,8 @@ pub(super) struct Passes {
     pub(super) shoot: Bound,
     pub(super) compact: Bound,
     pub(super) camera: Bound,
+    /// `None` where points see the lights by rays.
+    pub(super) maps: Option<Bound>,
     pub(super) direct: Bound,
     /// The tree of rays, and the light of the virtual point lights on what it shows; `None` where nothing mirrors or refracts.
     pub(super) specular: Option<[Bound; 2]>,
@@ -82,6 +84,7 @@ impl Passes {
             .secondary(world.secondary)
             .feature("compensated", params.compensates())
             .feature("filled", params.fills())
+            .feature("maps", params.shadow_maps().is_some())
             .feature("mirrored", false);
         let groups = [
             world.exact.bind_group_layout(),
@@ -105,6 +108,10 @@ impl Passes {
             shoot: bound("emission", "shoot", 2)?,
             compact: bound("emission", "compact", 0)?,
             camera: bound("gbuffer", "camera", 2)?,
+            maps: match params.shadow_maps() {
+                Some(_) => Some(bound("maps", "maps", 3)?),
+                None => None,
+            },
             direct: bound("direct", "direct", 2)?,
             specular: match reflects {
                 true => Some([
@@ -138,6 +145,9 @@ pub(super) struct Targets {
     samples: Option<wgpu::Texture>,
     /// Of each sample its part of the light, where the others are filled in.
     parts: Option<wgpu::Texture>,
+    /// The shadow maps of the lights, where points see by them.
+    pub(super) atlas: Option<Atlas>,
+    maps: Option<wgpu::Texture>,
     pub(super) sample_normals: TextureView,
     pub(super) sample_depths: TextureView,
     /// The dispatches over all paths and all pixels.
@@ -153,6 +163,7 @@ impl Targets {
         size: [u32; 2],
     ) -> Result<(Self, StageTextures)> {
         check_sides(context, size)?;
+        let atlas = Atlas::new(context, params)?;
         let grid = upsample.grid.size().map(|side| side as u32);
         let room = VPL * u64::from(params.paths) * u64::from(params.bounces);
         let color = TextureFormat::Rgba32Float;
@@ -183,6 +194,16 @@ impl Targets {
                 true => Some(texture(context, "parts", grid, color)?),
                 false => None,
             },
+            atlas,
+            maps: match &atlas {
+                Some(atlas) => Some(texture(
+                    context,
+                    "shadow maps",
+                    atlas.size(),
+                    TextureFormat::R32Float,
+                )?),
+                None => None,
+            },
             sample_normals: guide("normals of samples", grid)?,
             sample_depths: guide("depths of samples", grid)?,
             paths: [Dispatch {
@@ -200,9 +221,10 @@ impl Targets {
     }
 
     /// By their bindings in the shaders.
-    fn views(&self, stages: &StageTextures) -> [(u32, TextureView); 20] {
+    fn views(&self, stages: &StageTextures) -> [(u32, TextureView); 22] {
         let samples = self.samples(stages);
         let own = whole(self.parts.as_ref().unwrap_or(samples));
+        let maps = whole(self.maps.as_ref().unwrap_or(samples));
         let [direct, specular, irradiance, indirect, picture] = [
             &stages.direct,
             &stages.specular,
@@ -232,7 +254,55 @@ impl Targets {
             (22, self.sample_depths.clone()),
             (23, whole(samples)),
             (24, whole(&self.tree)),
+            (25, maps.clone()),
+            (26, maps),
         ]
+    }
+}
+
+/// The shadow maps of all lights beside and below each other in one texture.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Atlas {
+    /// Texels of a map's side.
+    side: u32,
+    /// Maps beside each other, and how many there is room for.
+    pub(super) columns: u32,
+    maps: u32,
+}
+
+impl Atlas {
+    /// Room for every light that there can be; `None` where points see them by rays.
+    fn new(context: &Context, params: &GiParams) -> Result<Option<Self>> {
+        let Some(maps) = params.shadow_maps() else {
+            return Ok(None);
+        };
+        let most = context.device().limits().max_texture_dimension_2d;
+        let (side, lights) = (maps.resolution, params.paths * params.bounces);
+        let columns = lights.min(most / side);
+        if columns == 0 || lights.div_ceil(columns) > most / side {
+            let area = 4 * u64::from(side) * u64::from(side);
+            return Err(Error::GpuLimit {
+                what: format!("shadow maps of {side} × {side} texels for {lights} lights"),
+                needs: area * u64::from(lights),
+                limit: 4 * u64::from(most) * u64::from(most),
+                adapter: context.device().adapter_info().name,
+            }
+            .into());
+        }
+        Ok(Some(Self {
+            side,
+            columns,
+            maps: lights,
+        }))
+    }
+
+    /// Of all texels that lights can have.
+    pub(super) fn texels(&self) -> u32 {
+        self.side * self.side * self.maps
+    }
+
+    fn size(&self) -> [u32; 2] {
+        [self.columns, self.maps.div_ceil(self.columns)].map(|maps| maps * self.side)
     }
 }
 

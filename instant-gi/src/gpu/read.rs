@@ -4,7 +4,10 @@ use glam::{Vec3, Vec4};
 use isophote_scene::{Error, Pass, SurfaceId, SurfacePoint, gpu::Context};
 
 use super::InstantGi;
-use crate::{Result, Stages, cpu::emission::Vpl};
+use crate::{
+    Result, ShadowMaps, Stages,
+    cpu::{emission::Vpl, maps::rays_of_map},
+};
 
 /// Words of a virtual point light.
 const WORDS: usize = 3;
@@ -30,9 +33,12 @@ impl InstantGi {
         let (_, sample_rays) = colors(context, self.targets.samples(stages))?;
         let (vpls, path_rays) = self.vpls(context)?;
         let pixels = direct.len() as u64;
+        let of_map = |maps: &ShadowMaps| rays_of_map(maps.resolution);
+        let map_rays = vpls.len() as u64 * self.params.shadow_maps().map_or(0, of_map);
         let passes = [
             ("vpls", path_rays),
             ("camera", pixels),
+            ("maps", map_rays),
             ("direct", direct_rays + tree_rays),
             ("mirrored", hidden_rays),
             ("indirect", sample_rays),
