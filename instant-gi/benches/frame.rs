@@ -235,6 +235,7 @@ impl<'a> Bench<'a> {
             json!({ "name": pass.name, "seconds": seconds, "rays": pass.rays, "shadow_rays": pass.shadow_rays })
         });
         let [rel_rmse, bias] = errors(&last.indirect, &truth);
+        let [gained, lost] = changes(&last.indirect, &truth);
         json!({
             "scene": self.arguments.scene,
             "case": text,
@@ -246,6 +247,8 @@ impl<'a> Bench<'a> {
             "passes": passes.collect::<Vec<_>>(),
             "rel_rmse": rel_rmse,
             "bias": bias,
+            "gained": gained,
+            "lost": lost,
         })
     }
 }
@@ -253,6 +256,18 @@ impl<'a> Bench<'a> {
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values[values.len() / 2]
+}
+
+/// What pixels have more and what they have less, of all light.
+fn changes(values: &[Vec3], truth: &[Vec3]) -> [f64; 2] {
+    let pairs = || values.iter().zip(truth).map(|(a, b)| *a - *b);
+    let sum = |changes: &mut dyn Iterator<Item = Vec3>| -> f64 {
+        changes.map(|change| f64::from(change.element_sum())).sum()
+    };
+    let all = sum(&mut truth.iter().copied());
+    let gained = sum(&mut pairs().map(|change| change.max(Vec3::ZERO)));
+    let lost = sum(&mut pairs().map(|change| (-change).max(Vec3::ZERO)));
+    [gained / all, lost / all]
 }
 
 /// relRMSE and bias.

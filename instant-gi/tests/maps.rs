@@ -1,5 +1,4 @@
 //! Visibility by shadow maps: against what can be calculated, whoever answers the rays.
-#![expect(clippy::unwrap_used, reason = "tests")]
 
 use std::sync::Arc;
 

@@ -71,17 +71,57 @@ impl Share {
 /// Rays that are traced together, so that memory does not grow with the number of lights; few enough for a cache.
 const BATCH: usize = 1 << 12;
 
-/// The numbers of the receivers of each part.
-fn by_part(receivers: &[Receiver<'_>], parts: u32) -> Vec<Vec<usize>> {
-    let mut by_part = vec![Vec::new(); parts as usize];
-    for (index, receiver) in receivers.iter().enumerate() {
-        let mut left = receiver.parts;
-        while left != 0 {
-            by_part[left.trailing_zeros() as usize].push(index);
-            left &= left - 1;
+/// The points that a part of the lights lights, coordinate by coordinate: what each light brings them is calculated for
+/// several at once.
+#[derive(Clone, Default)]
+struct Points {
+    /// Their numbers among the receivers.
+    numbers: Vec<usize>,
+    positions: [Vec<f32>; 3],
+    /// Shading normals.
+    normals: [Vec<f32>; 3],
+}
+
+impl Points {
+    /// Those of each part.
+    fn by_part(receivers: &[Receiver<'_>], parts: u32) -> Vec<Self> {
+        let mut by_part = vec![Self::default(); parts as usize];
+        for (number, receiver) in receivers.iter().enumerate() {
+            let mut left = receiver.parts;
+            while left != 0 {
+                let points = &mut by_part[left.trailing_zeros() as usize];
+                points.numbers.push(number);
+                for axis in 0..3 {
+                    points.positions[axis].push(receiver.point.position[axis]);
+                    points.normals[axis].push(receiver.normal[axis]);
+                }
+                left &= left - 1;
+            }
         }
+        by_part
     }
-    by_part
+
+    /// G of Eq. (1) between each point and a light; of some neither above 0 nor finite, where no light arrives.
+    fn geometry(&self, vpl: &Vpl, min_d: f32, terms: &mut Vec<f32>) {
+        let count = self.numbers.len();
+        let [px, py, pz] = self.positions.each_ref().map(|axis| &axis[..count]);
+        let [nx, ny, nz] = self.normals.each_ref().map(|axis| &axis[..count]);
+        let (light, normal) = (vpl.point.position, vpl.normal);
+        terms.clear();
+        terms.extend((0..count).map(|number| {
+            let (x, y, z) = (
+                light.x - px[number],
+                light.y - py[number],
+                light.z - pz[number],
+            );
+            // Cosines, times the distance.
+            let at_point = nx[number] * x + ny[number] * y + nz[number] * z;
+            let at_light = -(normal.x * x + normal.y * y + normal.z * z);
+            let squared = x * x + y * y + z * z;
+            let cosines = at_point.max(0.0) * at_light.max(0.0);
+            cosines / (squared * squared) * bound(min_d, squared.sqrt())
+        }));
+    }
 }
 
 impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
@@ -114,7 +154,7 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
     ) -> u64 {
         let tolerance = |receiver: &Receiver<'_>| self.tracer.tolerance(receiver.point.position);
         let tolerances: Vec<f32> = receivers.iter().map(tolerance).collect();
-        let by_part = by_part(receivers, share.parts);
+        let by_part = Points::by_part(receivers, share.parts);
         let mut count = match self.sight {
             Sight::Rays => self.by_rays(receivers, &tolerances, &by_part, share.scale, light),
             Sight::Maps(maps) => {
@@ -137,7 +177,7 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
         &self,
         receivers: &[Receiver<'_>],
         tolerances: &[f32],
-        by_part: &[Vec<usize>],
+        by_part: &[Points],
         scale: f32,
         light: &mut [Vec3],
     ) -> u64 {
@@ -157,16 +197,13 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
             }
         };
         for (number, vpl) in self.vpls.iter().enumerate() {
-            for &index in &by_part[number % by_part.len()] {
+            self.arriving(vpl, &by_part[number % by_part.len()], |index, arriving| {
                 let both = [tolerances[index], self.tolerances[number]];
-                let Receiver { point, normal, .. } = receivers[index];
-                if let Some(arriving) = self.arriving(point.position, normal, vpl)
-                    && let Some(ray) = ray_between(point, vpl, both)
-                {
+                if let Some(ray) = ray_between(receivers[index].point, vpl, both) {
                     rays.push(ray);
                     arrivals.push((index, arriving * scale));
                 }
-            }
+            });
             if rays.len() >= BATCH {
                 flush(&mut rays, &mut arrivals);
             }
@@ -181,42 +218,36 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
         maps: &Maps,
         receivers: &[Receiver<'_>],
         tolerances: &[f32],
-        by_part: &[Vec<usize>],
+        by_part: &[Points],
         scale: f32,
         light: &mut [Vec3],
     ) {
         // Beside each other in memory, since every light asks for them.
         let point = |receiver: &Receiver<'_>| {
             let point = receiver.point;
-            (receiver.normal, point.position, point.geometric_normal)
+            (point.position, point.geometric_normal)
         };
         let points: Vec<_> = receivers.iter().map(point).collect();
         for (number, vpl) in self.vpls.iter().enumerate() {
-            for &index in &by_part[number % by_part.len()] {
-                let (normal, position, geometric) = points[index];
-                if let Some(arriving) = self.arriving(position, normal, vpl) {
-                    let seen = maps.visibility(number, position, geometric, tolerances[index]);
-                    light[index] += arriving * (scale * seen);
-                }
-            }
+            self.arriving(vpl, &by_part[number % by_part.len()], |index, arriving| {
+                let (position, normal) = points[index];
+                let seen = maps.visibility(number, position, normal, tolerances[index]);
+                light[index] += arriving * (scale * seen);
+            });
         }
     }
 
-    /// `L_e` G of Eq. (1) at a point with a shading normal; `None` where no light would arrive.
-    #[inline]
-    fn arriving(&self, point: Vec3, normal: Vec3, vpl: &Vpl) -> Option<Vec3> {
-        let offset = vpl.point.position - point;
-        // Cosines, times the distance.
-        let at_point = normal.dot(offset);
-        let at_light = -vpl.normal.dot(offset);
-        if !(at_point > 0.0 && at_light > 0.0) {
-            return None;
+    /// `L_e` G of Eq. (1) between a light and each point that it could light.
+    fn arriving(&self, vpl: &Vpl, points: &Points, mut each: impl FnMut(usize, Vec3)) {
+        let mut terms = Vec::new();
+        points.geometry(vpl, self.params.min_d, &mut terms);
+        for (&number, &term) in points.numbers.iter().zip(&terms) {
+            let arriving = vpl.intensity * term;
+            // Also false for NaN, where both are one point.
+            if term > 0.0 && arriving.is_finite() && arriving != Vec3::ZERO {
+                each(number, arriving);
+            }
         }
-        let squared = offset.length_squared();
-        let bounded = bound(self.params.min_d, squared.sqrt());
-        let arriving = vpl.intensity * (at_point * at_light / (squared * squared) * bounded);
-        // Also false for NaN, where both are one point.
-        (arriving.is_finite() && arriving != Vec3::ZERO).then_some(arriving)
     }
 
     /// What the bound leaves out, by rays that go where light is near (Kollig and Keller 2004): they take the radiance of
@@ -260,17 +291,19 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
 
     /// Light at a point of lights that have met one surface less, bounded.
     fn shorter(&self, point: &SurfacePoint, normal: Vec3) -> (Vec3, u64) {
+        let receiver = Receiver {
+            point,
+            normal,
+            parts: 1,
+            stream: 0,
+        };
+        let points = &Points::by_part(&[receiver], 1)[0];
         let here = self.tracer.tolerance(point.position);
         let mut rays = 0;
         let mut sum = Vec3::ZERO;
-        for (number, vpl) in self.vpls.iter().enumerate() {
-            if vpl.bounce >= self.params.bounces {
-                continue;
-            }
-            let Some(arriving) = self.arriving(point.position, normal, vpl) else {
-                continue;
-            };
-            match self.sight {
+        let lights = self.vpls.iter().enumerate();
+        for (number, vpl) in lights.filter(|(_, vpl)| vpl.bounce < self.params.bounces) {
+            self.arriving(vpl, points, |_, arriving| match self.sight {
                 Sight::Rays => {
                     let both = [here, self.tolerances[number]];
                     if let Some(ray) = ray_between(point, vpl, both) {
@@ -284,7 +317,7 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
                     let normal = point.geometric_normal;
                     sum += arriving * maps.visibility(number, point.position, normal, here);
                 }
-            }
+            });
         }
         (sum, rays)
     }

@@ -117,7 +117,7 @@ impl Maps {
             }
             Lookup::Smooth => {
                 let next = place + 0.5;
-                let share = next.fract();
+                let share = next - Vec2::from(next.to_array().map(|at| at as i32 as f32));
                 let [(left, right), (top, bottom)] =
                     next.to_array().map(|at| (texel(at - 1.0), texel(at)));
                 let x = Vec4::new(left, right, left, right);

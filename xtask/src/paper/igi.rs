@@ -5,6 +5,7 @@
 mod artefacts;
 mod convergence;
 mod frames;
+mod maps;
 mod visibility;
 
 use anyhow::Result;
@@ -26,11 +27,12 @@ const REPORT: Report = Report {
     sections: &SECTIONS,
 };
 
-const SECTIONS: [(&str, Measure); 4] = [
+const SECTIONS: [(&str, Measure); 5] = [
     ("frames", frames::measure),
     ("convergence", convergence::measure),
     ("artefacts", artefacts::measure),
     ("visibility", visibility::measure),
+    ("maps", maps::measure),
 ];
 
 /// MS10: instant global illumination
@@ -42,7 +44,7 @@ pub(crate) struct Arguments {
     /// On the fastest GPU too, where the technique runs there
     #[arg(long)]
     gpu: bool,
-    /// Only these sections: frames, convergence, artefacts, visibility
+    /// Only these sections: frames, convergence, artefacts, visibility, maps
     #[arg(long, value_name = "SECTION[,…]", value_delimiter = ',')]
     only: Vec<String>,
     #[command(flatten)]

@@ -88,7 +88,7 @@ const fn other(name: &'static str, case: &'static str) -> Variant {
 }
 
 /// Materials of the table and of the chairs' frames in Conference.
-const MIRRORS: &str = "mesh29_SG,mesh21_SG";
+pub(super) const MIRRORS: &str = "mesh29_SG,mesh21_SG";
 
 const TEXT: &str = "Milliseconds of the stages of a frame and their share, medians; every frame shoots its light paths anew. \
     'mirrored' is the light of the virtual lights on what mirrors show, which the paper counts as part of its direct stage. Speed-ups \
@@ -233,7 +233,7 @@ fn row(paths: u32, variant: &Variant, line: &Value, over: Option<&Value>) -> Res
 }
 
 /// Seconds of a stage.
-fn stage(line: &Value, name: &str) -> Result<f64> {
+pub(super) fn stage(line: &Value, name: &str) -> Result<f64> {
     let passes = line["passes"].as_array();
     let pass = passes.and_then(|passes| passes.iter().find(|pass| pass["name"] == name));
     number(
