@@ -3,7 +3,7 @@
 //! 1. The scene is loaded, with where everything came from ([`isophote_scene::GltfSource`]).
 //! 2. What light is computed for: the vertices of all instances ([`vertices`]), or the texels of a lightmap ([`texels`]) over
 //!    the scene's texture coordinates or new ones ([`layout`]).
-//! 3. Values for them, in pieces that are independent of each other ([`light`]); some of them in another process
+//! 3. Values for them ([`work`]), in pieces that are independent of each other ([`light`]); some of them in another process
 //!    ([`parts`]).
 //! 4. What the values look like ([`report`]), and the file with them in it ([`document`], [`meshes`], [`textures`]).
 
@@ -17,6 +17,7 @@ mod seams;
 mod texels;
 mod textures;
 mod vertices;
+mod work;
 
 use std::{
     collections::BTreeMap,
@@ -24,31 +25,30 @@ use std::{
     sync::Arc,
 };
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, ensure};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
 use isophote_scene::{
-    Camera, GltfSource, Image, Receiver, Scene, Selection, Tracer, check_writable,
-    reference::{Materials, Normals, Quantity, Settings, Tracers},
+    GltfSource, Image, Receiver, Scene, check_writable,
+    reference::{Materials, Normals, Quantity, Settings},
 };
 
 pub(crate) use self::parts::settings as settings_of_part;
 use self::{
     document::Document,
     layout::Layout,
-    light::{Light, Lit},
     parts::{Fingerprint, Shard},
     report::Report,
     texels::{Lightmap, Texels},
     vertices::{Attribute, COLOR, Vertices},
+    work::Work,
 };
 use crate::{
     applies::{Idle, ids},
-    output::{PROGRAM, Voice, has_suffix, print_json, timed},
-    reference::Ground,
+    output::{PROGRAM, Voice, has_suffix, timed},
     scene_args::{SceneArgs, note_moving, require_geometry, require_light},
     technique::TechniqueChoice,
-    tracers::{AnyTracer, Device, Plan, TracerArgs, choose},
+    tracers::{AnyTracer, TracerArgs},
     values,
 };
 
@@ -65,6 +65,9 @@ Examples:
   isophote bake hall.glb --technique ldm --ldm-maps 2048 -o baked.glb   by layered depth maps
   isophote bake hall.glb --shard 1/2 -o 1.part                       half of the work; 2/2 elsewhere, and then
   isophote bake hall.glb --merge 1.part 2.part -o baked.glb          what one process would have made";
+
+/// The channel of a lightmap's .exr that is 1 where a texel was computed, and 0 where its neighbours were spread into it.
+pub(crate) const COVERAGE: &str = "coverage";
 
 /// Bake occlusion or light into a glTF file.
 #[derive(Args, Debug)]
@@ -311,7 +314,11 @@ pub(crate) fn bake(args: &BakeArgs, mut settings: BTreeMap<String, String>) -> R
                 report.texels(&scene, (layout, texels), (receivers, &values), &map);
                 let is_occlusion = args.quantity.is_occlusion();
                 textures::write(&mut document, &source, layout, &map, is_occlusion)?;
-                write(args, document, Some(image(map, &settings)))
+                write(
+                    args,
+                    document,
+                    Some(image(map, receivers, &report, &settings)),
+                )
             }
         }
     });
@@ -406,106 +413,25 @@ fn write(args: &BakeArgs, document: Document, lightmap: Option<Image>) -> Result
     Ok(())
 }
 
-/// A lightmap as a picture, with the settings it was made with.
-fn image(map: Lightmap, settings: &BTreeMap<String, String>) -> Image {
+/// A lightmap as a picture, with which texels are computed and the settings it was made with.
+fn image(
+    map: Lightmap,
+    receivers: &[Receiver],
+    report: &Report,
+    settings: &BTreeMap<String, String>,
+) -> Image {
     let mut image = Image::new(map.size, map.size);
     image.attributes.clone_from(settings);
+    if let Some(noise) = report.noise {
+        image.attributes.insert("noise".into(), noise.to_string());
+    }
     image.push_layer("", "RGB", &map.texels);
+    let mut coverage = vec![0.0; map.texels.len()];
+    for receiver in receivers {
+        coverage[receiver.index as usize] = 1.0;
+    }
+    image.push(COVERAGE, coverage);
     image
-}
-
-/// Everything that is ready when light is computed.
-struct Work<'a> {
-    args: &'a BakeArgs,
-    scene: &'a Arc<Scene>,
-    ground: Ground,
-    fingerprint: Fingerprint,
-    voice: Voice,
-}
-
-impl Work<'_> {
-    fn selection(args: &BakeArgs) -> Selection {
-        Selection {
-            bounds: args.changes.bounds(),
-            ..Selection::default()
-        }
-    }
-
-    /// Builds the tracers.
-    fn ground(
-        args: &BakeArgs,
-        scene: &Arc<Scene>,
-        report: &mut Report,
-        voice: Voice,
-    ) -> Result<Ground> {
-        let choice = choose(Device::Cpu, args.tracer, None)?;
-        args.tracer_args.check(choice)?;
-        let camera = Camera::framing(&scene.bounds());
-        let selection = Self::selection(args);
-        let plan = Plan {
-            args: &args.tracer_args,
-            scene,
-            selection: &selection,
-            camera: &camera,
-        };
-        let (ground, seconds) = timed(|| {
-            let _wheel = voice.wheel("building the tracer");
-            Ground::build(choice, None, &plan)
-        });
-        report.seconds.build = seconds;
-        ground
-    }
-
-    fn tracers(&self) -> Result<Tracers<'_, dyn Tracer, dyn Tracer>> {
-        match self.ground.on_cpu() {
-            Some(tracers) => Ok(tracers),
-            None => bail!("baking runs on the CPU"),
-        }
-    }
-
-    fn exact(&self) -> Result<&dyn Tracer> {
-        Ok(self.tracers()?.exact)
-    }
-
-    fn compute(
-        &self,
-        receivers: &[Receiver],
-        order: &[u32],
-        pieces: &[usize],
-        report: &mut Report,
-    ) -> Result<Lit> {
-        let args = self.args;
-        let selection = Self::selection(args);
-        let light = Light {
-            scene: self.scene,
-            tracers: self.tracers()?,
-            selection: &selection,
-            technique: args.technique,
-            quantity: args.quantity,
-            settings: args.settings(),
-            ldm: &args.ldm,
-        };
-        let bar = self.voice.bar();
-        let advance = |done: u64, total: u64| {
-            bar.set_length(total);
-            bar.set_position(bar.position().max(done));
-        };
-        let (lit, seconds) = timed(|| light.compute(receivers, order, pieces, &advance));
-        bar.finish_and_clear();
-        let lit = lit?;
-        report.seconds.light = seconds;
-        report.rays = lit.rays;
-        report.noise = lit.noise;
-        Ok(lit)
-    }
-
-    fn tell(&self, report: &Report, settings: &BTreeMap<String, String>) -> Result<()> {
-        if self.args.json {
-            return print_json(&report.whole(&self.args.output, self.scene, settings));
-        }
-        report.lines().iter().for_each(|line| self.voice.note(line));
-        Ok(())
-    }
 }
 
 /// A quantity that can be baked.

@@ -1,6 +1,7 @@
 //! `isophote compare`: how far a picture is from a reference.
 
 use std::{
+    borrow::Cow,
     path::{Path, PathBuf},
     process::ExitCode,
 };
@@ -12,6 +13,7 @@ use isophote_scene::{Image, check_writable};
 use serde::Serialize;
 
 use crate::{
+    bake::COVERAGE,
     display::{Look, false_color},
     metrics::{Errors, constant_like, silhouettes},
     output::{print, print_json},
@@ -24,7 +26,7 @@ Errors are of linear light, over all pixels and channels:
   bias     mean(test)/mean(reference) − 1, or 255·(mean(test) − mean(reference)) in grey levels
 'Beyond the noise' is what remains after subtracting the squares of both pictures' own noise: the header attribute \
 'noise', or 'relative_noise' in a .json beside the file. PSNR, SSIM and FLIP compare what a screen shows (sRGB) and \
-are no errors of light.
+are no errors of light. Of lightmaps only texels on surfaces count.
 
 Examples:
   isophote compare mine.exr reference.exr
@@ -207,6 +209,16 @@ impl Picture {
             noise: noise.filter(|noise: &f64| noise.is_finite()),
         })
     }
+
+    /// Those of its pixels that count.
+    fn only(&self, counted: Option<&[f32]>) -> Cow<'_, [Vec3]> {
+        let Some(counted) = counted else {
+            return Cow::Borrowed(&self.pixels);
+        };
+        let pixels = self.pixels.iter().zip(counted);
+        let chosen = pixels.filter(|(_, counts)| **counts > 0.0);
+        chosen.map(|(pixel, _)| *pixel).collect()
+    }
 }
 
 /// The colours of a layer, or its one grey channel three times.
@@ -271,8 +283,10 @@ fn measure(
     reference: &Picture,
     images: &[&Image],
 ) -> Report {
-    let errors = Errors::of(&test.pixels, &reference.pixels);
-    let constant = Errors::of(&constant_like(&reference.pixels), &reference.pixels);
+    let counted = counted(images);
+    let [of_test, of_reference] = [test, reference].map(|picture| picture.only(counted));
+    let errors = Errors::of(&of_test, &of_reference);
+    let constant = Errors::of(&constant_like(&of_reference), &of_reference);
     let noises = [test.noise, reference.noise].map(|noise| noise.unwrap_or(0.0));
     let quantity = args
         .quantity
@@ -303,6 +317,11 @@ fn measure(
         exposure: args.exposure,
         look: Look::of(size, &test.pixels, &reference.pixels, args.exposure),
     }
+}
+
+/// The pixels that count, where a picture is a lightmap: those that were computed.
+fn counted<'a>(images: &[&'a Image]) -> Option<&'a [f32]> {
+    images.iter().find_map(|image| image.channel(COVERAGE))
 }
 
 impl Silhouettes {

@@ -1,5 +1,6 @@
 //! `cargo xtask bench`: measurements, as JSON.
 
+mod bake;
 mod filters;
 mod trace;
 
@@ -17,6 +18,7 @@ pub(crate) struct Arguments {
 
 #[derive(clap::Subcommand)]
 enum What {
+    Bake(bake::Arguments),
     Filters(filters::Arguments),
     Trace(trace::Arguments),
 }
@@ -24,6 +26,7 @@ enum What {
 /// Runs one benchmark.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     match &arguments.what {
+        What::Bake(arguments) => bake::run(arguments),
         What::Filters(arguments) => filters::run(arguments),
         What::Trace(arguments) => trace::run(arguments),
     }

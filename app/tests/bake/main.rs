@@ -105,6 +105,9 @@ fn occlusion_in_texels_is_that_of_a_plate_over_a_floor() {
     place.ok("a.glb --to texels --size 64 --samples 256 -o b.glb -o b.exr");
     let map = Image::load(place.path("b.exr")).unwrap();
     let red = map.channel("R").unwrap();
+    // A quarter of the atlas is the plate's, and a quarter empty but for the rim.
+    let covered: f32 = map.channel("coverage").unwrap().iter().sum();
+    assert!((3072.0..3400.0).contains(&covered), "{covered} texels");
     let mut squares = 0.0;
     for y in 0..64 {
         // The floor is the left half.
