@@ -4,7 +4,10 @@
 //! its own: so it does not matter who computes which piece, and layered depth maps are fitted around points that are close
 //! to each other.
 
-use std::ops::Range;
+use std::{
+    ops::Range,
+    sync::atomic::{AtomicU64, Ordering},
+};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
@@ -21,6 +24,8 @@ use isophote_scene::{
     reference::{self, Progress, Quantity, Settings, Tracers},
     sample::hash,
 };
+
+use rayon::prelude::*;
 
 use crate::technique::TechniqueChoice;
 
@@ -63,6 +68,15 @@ pub(super) struct Lit {
     pub(super) rays: u64,
     /// The noise of `values` as relRMSE, where the technique tells.
     pub(super) noise: Option<f64>,
+}
+
+/// What came of one piece.
+struct Piece {
+    values: Vec<Vec3>,
+    rays: u64,
+    /// As relRMSE; 0 where the technique does not tell.
+    noise: f64,
+    mean: f64,
 }
 
 /// Refuses what a technique does not compute for receivers.
@@ -123,7 +137,8 @@ impl Light<'_> {
         progress: &dyn Progress,
     ) -> Result<Lit> {
         let size = piece_size(self.technique);
-        let range = |piece: usize| piece * size..order.len().min((piece + 1) * size);
+        let range =
+            |piece: usize| -> Range<usize> { piece * size..order.len().min((piece + 1) * size) };
         let total: usize = pieces.iter().map(|&piece| range(piece).len()).sum();
         let maps = match self.technique {
             TechniqueChoice::Ldm => Some(Triangles::new(
@@ -133,28 +148,35 @@ impl Light<'_> {
             )?),
             _ => None,
         };
-        let mut lit = Lit::default();
-        let (mut squares, mut sum) = (0.0, 0.0);
-        for &piece in pieces {
-            let range: Range<usize> = range(piece);
-            let points = order[range].iter().map(|&i| receivers[i as usize]);
+        let done = AtomicU64::new(0);
+        // Pieces at the same time, so that the threads are busy when one of them comes to its end.
+        let parts = pieces.par_iter().map(|&piece| {
+            let points = order[range(piece)].iter().map(|&i| receivers[i as usize]);
             let receivers = Receivers {
                 points: points.collect(),
             };
-            let before = lit.values.len() as u64;
-            let count = receivers.points.len() as u64;
-            let advance = |done: u64, all: u64| {
-                let share = count * done / all.max(1);
-                progress.advance(before + share, total as u64);
+            let (count, told) = (receivers.points.len() as u64, AtomicU64::new(0));
+            let advance = |part: u64, all: u64| {
+                let share = count * part / all.max(1);
+                let before = told.fetch_max(share, Ordering::Relaxed);
+                let more = share.saturating_sub(before);
+                let sum = done.fetch_add(more, Ordering::Relaxed) + more;
+                progress.advance(sum, total as u64);
             };
             match &maps {
-                Some(triangles) => self.by_maps(triangles, receivers, &advance, &mut lit)?,
-                None => {
-                    let (noise, mean) = self.by_rays(piece, &receivers, &advance, &mut lit)?;
-                    squares += count as f64 * (noise * mean).powi(2);
-                    sum += count as f64 * mean;
-                }
+                Some(triangles) => self.by_maps(triangles, receivers, &advance),
+                None => self.by_rays(piece, &receivers, &advance),
             }
+        });
+        let parts: Vec<Piece> = parts.collect::<Result<_>>()?;
+        let mut lit = Lit::default();
+        let (mut squares, mut sum) = (0.0, 0.0);
+        for part in parts {
+            let count = part.values.len() as f64;
+            squares += count * (part.noise * part.mean).powi(2);
+            sum += count * part.mean;
+            lit.rays += part.rays;
+            lit.values.extend(part.values);
         }
         let noise = (squares * total as f64).sqrt() / sum;
         lit.noise = Some(noise).filter(|noise| noise.is_finite() && *noise > 0.0);
@@ -165,14 +187,12 @@ impl Light<'_> {
         Ok(lit)
     }
 
-    /// Returns the noise and the mean.
     fn by_rays(
         &self,
         piece: usize,
         receivers: &Receivers,
         progress: &dyn Progress,
-        lit: &mut Lit,
-    ) -> Result<(f64, f64)> {
+    ) -> Result<Piece> {
         let mut settings = self.settings;
         // Every piece has random numbers of its own.
         settings.seed ^= u64::from(hash(piece as u32)) << 32;
@@ -186,16 +206,18 @@ impl Light<'_> {
             progress,
         )?;
         let estimate = estimates.into_iter().next().context("one quantity")?;
-        let sum: f64 = estimate
-            .values
+        let values = estimate.values;
+        let sum: f64 = values
             .iter()
             .map(|value| value.as_dvec3().element_sum() / 3.0)
             .sum();
-        let mean = sum / estimate.values.len().max(1) as f64;
-        lit.rays += rays;
-        lit.values.extend(estimate.values);
         let noise = f64::from(estimate.noise);
-        Ok((if noise.is_finite() { noise } else { 0.0 }, mean))
+        Ok(Piece {
+            rays,
+            noise: if noise.is_finite() { noise } else { 0.0 },
+            mean: sum / values.len().max(1) as f64,
+            values,
+        })
     }
 
     fn by_maps(
@@ -203,8 +225,7 @@ impl Light<'_> {
         triangles: &Triangles<'_>,
         mut receivers: Receivers,
         progress: &dyn Progress,
-        lit: &mut Lit,
-    ) -> Result<()> {
+    ) -> Result<Piece> {
         let count = receivers.points.len();
         for (receiver, index) in receivers.points.iter_mut().zip(0..) {
             receiver.index = index;
@@ -224,15 +245,18 @@ impl Light<'_> {
         drop(receivers);
         let mut occlusion = Occlusion::new(triangles, count, &params)?;
         occlusion.add(&points, [0, 1], progress);
-        lit.rays += occlusion.lookups();
         let value = |sky: &Sky| match self.quantity {
             Quantity::Obscurance => sky.obscurance,
             _ => sky.ao,
         };
         let skies = occlusion.skies();
-        lit.values
-            .extend(skies.iter().map(|sky| Vec3::splat(value(sky))));
-        Ok(())
+        Ok(Piece {
+            values: skies.iter().map(|sky| Vec3::splat(value(sky))).collect(),
+            rays: occlusion.lookups(),
+            // There are no two halves.
+            noise: 0.0,
+            mean: 0.0,
+        })
     }
 }
 

@@ -36,16 +36,16 @@ pub(crate) struct Arguments {
     #[arg(long, default_value_t = 4.0)]
     rms: f64,
     /// Rays a texel of the converged bake
-    #[arg(long, default_value_t = 1024)]
+    #[arg(long, default_value_t = 512)]
     reference: u32,
     /// Rays a texel to begin with
     #[arg(long, default_value_t = 8)]
     samples: u32,
     /// Maps to begin with
-    #[arg(long, default_value_t = 32)]
+    #[arg(long, default_value_t = 16)]
     maps: u32,
     /// A map has at most R² pixels; may be given more than once
-    #[arg(long, value_name = "R", default_values = ["256", "512"])]
+    #[arg(long, value_name = "R", default_values = ["200", "400"])]
     resolution: Vec<u32>,
     /// Threads
     #[arg(long, default_value_t = 2)]
@@ -78,7 +78,10 @@ struct Comparison {
     rays: Vec<Case>,
     /// By layered depth maps, alike, for every resolution.
     maps: Vec<Case>,
-    /// How many times as fast the fastest maps are as the rays, both at the wanted error; none where that was not reached.
+    /// What the wanted error takes by each, between two cases by their logarithms; none where it was not reached.
+    rays_seconds: Option<f64>,
+    maps_seconds: Option<f64>,
+    /// How many times as fast the maps are.
     speedup: Option<f64>,
 }
 
@@ -91,15 +94,15 @@ struct Case {
     /// Of all these too.
     seconds_in_all: f64,
     grey_rms: f64,
-    /// Without what the converged bake's own noise explains.
-    grey_rms_beyond_noise: f64,
+    /// Without the noise of the converged bake.
+    error: f64,
     grey_bias: f64,
     /// How many times worse a constant lightmap is.
     constant_ratio: f64,
 }
 
-/// Most doublings until an error is small enough.
-const MOST: u32 = 8;
+/// Most steps until an error is small enough.
+const MOST: u32 = 16;
 
 /// Bakes and writes the report.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
@@ -135,47 +138,46 @@ impl Bench<'_> {
         let flags = format!("--samples {samples} --seed 1000");
         let reference = self.bake(d_max, &flags, "reference.exr")?;
         let rays = self.until(d_max, |step| {
-            format!("--samples {}", self.arguments.samples << step)
+            format!("--samples {}", steps(self.arguments.samples, step))
         })?;
         let mut maps = Vec::new();
         for resolution in &self.arguments.resolution {
-            maps.extend(self.until(d_max, |step| {
-                let maps = self.arguments.maps << step;
+            maps.push(self.until(d_max, |step| {
+                let maps = steps(self.arguments.maps, step);
                 format!("--technique ldm --ldm-maps {maps} --ldm-resolution {resolution}")
             })?);
         }
-        let is_good = |case: &&Case| case.grey_rms_beyond_noise <= self.arguments.rms;
-        let fastest = |cases: &[Case]| {
-            let seconds = cases.iter().filter(is_good).map(|case| case.seconds);
-            seconds.min_by(f64::total_cmp)
-        };
+        let wanted = self.arguments.rms;
+        let rays_seconds = seconds_at(&rays, wanted);
+        let maps_seconds = maps.iter().filter_map(|cases| seconds_at(cases, wanted));
+        let maps_seconds = maps_seconds.min_by(f64::total_cmp);
         Ok(Comparison {
             d_max: d_max.to_owned(),
             reference_samples: samples,
             reference_seconds: number(&reference, "/seconds/light")?,
             receivers: number(&reference, "/receivers")? as u64,
-            speedup: fastest(&rays)
-                .zip(fastest(&maps))
+            speedup: rays_seconds
+                .zip(maps_seconds)
                 .map(|(rays, maps)| rays / maps),
+            rays_seconds,
+            maps_seconds,
             rays,
-            maps,
+            maps: maps.into_iter().flatten().collect(),
         })
     }
 
-    /// Bakes with twice as much from step to step, until the error is small enough.
+    /// Bakes with more from step to step, until the error is small enough.
     fn until(&self, d_max: &str, flags: impl Fn(u32) -> String) -> Result<Vec<Case>> {
         let mut cases: Vec<Case> = Vec::new();
         for step in 0..=MOST {
             let case = self.case(d_max, flags(step))?;
-            let error = case.grey_rms_beyond_noise;
+            let error = case.error;
             eprintln!(
                 "d_max {d_max}, {}: {:.2} s, {error:.2} grey levels",
                 case.flags, case.seconds
             );
             // What more maps of one resolution do not change is their resolution's error.
-            let is_stuck = cases
-                .last()
-                .is_some_and(|last| error > 0.95 * last.grey_rms_beyond_noise);
+            let is_stuck = cases.last().is_some_and(|last| error > 0.98 * last.error);
             cases.push(case);
             if error <= self.arguments.rms || is_stuck {
                 break;
@@ -190,14 +192,18 @@ impl Bench<'_> {
         let errors =
             self.isophote
                 .json(&["compare", "--json", "--quantity=ao", &test, &reference])?;
+        let grey_rms = number(&errors, "/grey_rms")?;
+        // The test's own noise is its error here.
+        let noise =
+            255.0 * number(&errors, "/noise_reference")? * number(&errors, "/mean_reference")?;
         let parts = ["load", "layout", "build", "light"];
         let parts = parts.map(|part| number(&baked, &format!("/seconds/{part}")));
         Ok(Case {
             flags,
             seconds: number(&baked, "/seconds/light")?,
             seconds_in_all: parts.into_iter().sum::<Result<f64>>()?,
-            grey_rms: number(&errors, "/grey_rms")?,
-            grey_rms_beyond_noise: number(&errors, "/grey_rms_beyond_noise")?,
+            grey_rms,
+            error: (grey_rms.powi(2) - noise.powi(2)).max(0.0).sqrt(),
             grey_bias: number(&errors, "/grey_bias")?,
             constant_ratio: number(&errors, "/constant_ratio")?,
         })
@@ -225,6 +231,22 @@ impl Bench<'_> {
     fn file(&self, name: &str) -> String {
         self.folder.join(name).display().to_string()
     }
+}
+
+/// A number that doubles with every second step.
+fn steps(first: u32, step: u32) -> u32 {
+    (f64::from(first) * (0.5 * f64::from(step)).exp2()).round() as u32
+}
+
+/// The seconds at which an error would be reached, between the last case above it and the first one below.
+fn seconds_at(cases: &[Case], wanted: f64) -> Option<f64> {
+    let good = cases.iter().position(|case| case.error <= wanted)?;
+    let below = &cases[good];
+    let Some(above) = good.checked_sub(1).map(|bad| &cases[bad]) else {
+        return Some(below.seconds);
+    };
+    let part = (above.error / wanted).ln() / (above.error / below.error).ln();
+    Some(above.seconds * (below.seconds / above.seconds).powf(part))
 }
 
 fn number(value: &Value, path: &str) -> Result<f64> {
