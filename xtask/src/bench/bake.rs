@@ -26,13 +26,13 @@ pub(crate) struct Arguments {
         default_value = "../shared/scenes/sponza_dabrovic.glb"
     )]
     scene: String,
-    /// How far occlusion looks [metres]; may be given more than once
+    /// How far occlusion looks, in metres; may be given more than once
     #[arg(long, value_name = "METRES", default_values = ["inf"])]
     d_max: Vec<String>,
     /// Texels on each side
     #[arg(long, default_value_t = 2048)]
     size: u32,
-    /// The RMS error to be reached [grey levels]
+    /// The RMS error to be reached, in grey levels
     #[arg(long, default_value_t = 4.0)]
     rms: f64,
     /// Rays a texel of the converged bake
