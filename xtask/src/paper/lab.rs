@@ -179,6 +179,12 @@ impl Lab {
             .collect()
     }
 
+    /// Whether the processor stands in for the GPU that is measured on.
+    pub(super) fn is_gpu_software(&self) -> Result<bool> {
+        let devices = self.isophote.json(&["devices", "--json"])?;
+        Ok(devices["adapters"][0]["kind"] == "Cpu")
+    }
+
     /// Writes a file of the page.
     pub(super) fn write(&self, name: &str, text: &str) -> Result<PathBuf> {
         let path = self.folder.join(name);
