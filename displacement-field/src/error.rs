@@ -1,7 +1,5 @@
 //! What can go wrong with displacement fields.
 
-use std::path::PathBuf;
-
 /// Result of this crate's fallible functions.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
@@ -60,30 +58,6 @@ pub enum Error {
     /// A tracer or a scene, or a file of it.
     #[error(transparent)]
     Scene(#[from] isophote_scene::Error),
-    /// A file of a field could not be read.
-    #[error("{}: {source}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What the operating system said.
-        source: std::io::Error,
-    },
-    /// A file is no file of a field, or has been damaged.
-    #[error("{}: {reason}; build the field anew", path.display())]
-    Damaged {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong, and where in the file.
-        reason: String,
-    },
-    /// A file of fields was made of other meshes or by another version.
-    #[error("{}: {reason}; build the field anew", path.display())]
-    Foreign {
-        /// The file.
-        path: PathBuf,
-        /// What differs.
-        reason: String,
-    },
 }
 
 impl From<Error> for isophote_scene::Error {
@@ -122,10 +96,6 @@ impl From<Error> for isophote_scene::Error {
                 format!("{what} (instance {instance}, '{name}')"),
                 "a displacement field can only be turned, moved, mirrored and scaled uniformly",
             ),
-            Error::Io { path, source } => Self::Io { path, source },
-            Error::Damaged { path, reason } | Error::Foreign { path, reason } => {
-                Self::Malformed { path, reason }
-            }
         }
     }
 }

@@ -19,7 +19,7 @@
 //! | §4, lossless compression | [`Field::save`] |
 //! | §4, one bit a ray, the average distance | [`Storage::Bit`], [`Field::with_bits`], [`FieldTracer::look_from`] |
 //! | §1, collision detection | [`FieldTracer::closest`] |
-//! | §5, interpolation | [`LookUp::Interpolated`] |
+//! | §5, interpolation, on GPUs too | [`LookUp::Interpolated`], `gpu::FieldGpuTracer` |
 //! | §5, sphere tree | [`split`], [`ObjectParams::parts`] |
 //!
 //! # Differences from the paper
@@ -32,9 +32,14 @@
 //! - Slater's rings are moved to where all points stand for the same area, which makes the inverse a formula instead of an
 //!   image of indices; the two hemispheres' outermost rings lie beside the equator instead of both on it.
 //! - The bounding sphere is the smallest one, larger by a share of 10⁻⁴, so that no surface lies on it.
+//! - Interpolation is over the triangles of the positions' own lattice, which are found by a formula, and not over a Delaunay
+//!   triangulation, in which a place has to be searched. Of 4226 positions 8,328 of 8,448 triangles are the same; the longest
+//!   sides are, and the RMS error of interpolating waves on the sphere is, to within 0.04 %.
 //! - A miss has a code of its own instead of the distance 2R, so that it is never averaged with a hit.
 //! - The distance of a field of one bit is that of a plane across the normal at the mean depth of what is hit.
-//! - Files are coded by prediction and deflate, not by run lengths.
+//! - Files are coded by prediction and deflate, hits apart from misses, not by run lengths.
+//! - [`FieldTracer`] is no [`BuildTracer`](isophote_scene::BuildTracer): fields are built by an exact tracer, which this crate
+//!   lets its caller choose.
 
 pub mod cpu;
 mod directions;

@@ -5,6 +5,7 @@ mod support;
 use std::{fs, path::Path};
 
 use isophote_displacement_field::{Directions, Error, Field, FieldParams, Positions, Storage};
+use isophote_scene::Error as SceneError;
 use support::{coarse, field, torus};
 
 const LIMIT: u64 = 1 << 30;
@@ -70,7 +71,10 @@ fn whatever_is_damaged_is_refused() {
         fs::write(&path, bytes).unwrap();
         let error = load(&path).unwrap_err();
         assert!(
-            matches!(error, Error::Damaged { .. } | Error::Foreign { .. }),
+            matches!(
+                error,
+                Error::Scene(SceneError::Damaged { .. } | SceneError::Foreign { .. })
+            ),
             "{error}"
         );
         assert!(error.to_string().contains("build the field anew"));
@@ -87,7 +91,7 @@ fn whatever_is_damaged_is_refused() {
     refused(b"");
     assert!(matches!(
         load(&folder.path().join("none")),
-        Err(Error::Io { .. })
+        Err(Error::Scene(SceneError::Io { .. }))
     ));
     let error = field(&torus("torus", 8, 8, 0.4), &params).save(&folder.path().join("no/such/a"));
     assert!(matches!(error, Err(Error::Scene(_))));

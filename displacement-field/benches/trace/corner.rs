@@ -78,6 +78,21 @@ pub(crate) fn exact(scene: &Arc<Scene>) -> BvhTracer {
     BvhTracer::build(scene, &Selection::default(), &BvhOptions::default()).expect("a tracer")
 }
 
+/// The vertices of three planes that meet in the origin, and their normals.
+pub(crate) fn vertices(side: f32) -> Vec<(Vec3, Vec3)> {
+    let step = side / (SIDE - 1) as f32;
+    let axes = [Vec3::X, Vec3::Y, Vec3::Z];
+    let mut vertices = Vec::new();
+    for normal in [1, 0, 2] {
+        let (u, v) = (axes[(normal + 1) % 3], axes[(normal + 2) % 3]);
+        for index in 0..SIDE * SIDE {
+            let (i, j) = ((index % SIDE) as f32, (index / SIDE) as f32);
+            vertices.push((step * (i * u + j * v), axes[normal]));
+        }
+    }
+    vertices
+}
+
 impl Corner {
     pub(crate) fn new(name: &str, scene: Arc<Scene>) -> Self {
         Self::of(name, Arc::new(joined(&scene)))
@@ -110,19 +125,8 @@ impl Corner {
         }
     }
 
-    /// The planes' vertices and their normals.
     fn vertices(&self) -> Vec<(Vec3, Vec3)> {
-        let step = self.side / (SIDE - 1) as f32;
-        let axes = [Vec3::X, Vec3::Y, Vec3::Z];
-        let mut vertices = Vec::new();
-        for normal in [1, 0, 2] {
-            let (u, v) = (axes[(normal + 1) % 3], axes[(normal + 2) % 3]);
-            for index in 0..SIDE * SIDE {
-                let (i, j) = ((index % SIDE) as f32, (index / SIDE) as f32);
-                vertices.push((step * (i * u + j * v), axes[normal]));
-            }
-        }
-        vertices
+        vertices(self.side)
     }
 
     /// The rays of all vertices by a mapping of the square.
@@ -176,6 +180,7 @@ impl Corner {
         }
         if speed {
             self.add_rates(&tracer, &mut report);
+            self.add_shadows(&tracer, &mut report);
         }
         println!("{report}");
     }
@@ -211,6 +216,38 @@ impl Corner {
             self.add_rates(&tracer, &mut report);
             println!("{report}");
         }
+    }
+
+    /// Rays to a square light over the object, one radius wide: what its soft shadow is made of.
+    fn shadow_rays(&self) -> Rays {
+        let over = Vec3::new(0.5 * self.side, 3.5 * self.radius, 0.5 * self.side);
+        let mut all = Rays {
+            rays: Vec::new(),
+            weights: Vec::new(),
+        };
+        for (point, _) in self.vertices() {
+            for index in 0..RAYS * RAYS {
+                let place = Vec2::new((index % RAYS) as f32, (index / RAYS) as f32) + 0.5;
+                let place = self.radius * (place / RAYS as f32 - 0.5);
+                let way = over + Vec3::new(place.x, 0.0, place.y) - point;
+                let (direction, distance) = way.normalize_and_length();
+                all.rays.push(Ray::new(point, direction).until(distance));
+                all.weights.push(1.0 / (RAYS * RAYS) as f32);
+            }
+        }
+        all
+    }
+
+    /// How much of the light is seen: errors and rates.
+    fn add_shadows(&self, tracer: &FieldTracer, report: &mut Value) {
+        let rays = self.shadow_rays();
+        let seen = |tracer: &dyn Tracer| self.mean(&rays, &open(&any(tracer, &rays.rays)));
+        let [rms, bias, constant] = difference(&seen(tracer), &seen(&self.exact));
+        report["shadow_rms"] = json!(rms);
+        report["shadow_bias"] = json!(bias);
+        report["shadow_constant_rms"] = json!(constant);
+        let (field, exact) = (rate(tracer, &rays.rays), rate(&self.exact, &rays.rays));
+        report["shadow_times"] = json!(field / exact);
     }
 
     /// Errors of ambient occlusion and obscurance.
@@ -297,13 +334,13 @@ impl Corner {
     }
 }
 
-fn any(tracer: &dyn Tracer, rays: &[Ray]) -> Vec<bool> {
+pub(crate) fn any(tracer: &dyn Tracer, rays: &[Ray]) -> Vec<bool> {
     let mut hits = vec![false; rays.len()];
     tracer.any_hits(rays, &mut hits);
     hits
 }
 
-fn open(hits: &[bool]) -> Vec<f32> {
+pub(crate) fn open(hits: &[bool]) -> Vec<f32> {
     hits.iter()
         .map(|hit| if *hit { 0.0 } else { 1.0 })
         .collect()
@@ -318,7 +355,7 @@ fn falloff(tracer: &dyn Tracer, rays: &[Ray], d_max: f32) -> Vec<f32> {
 }
 
 /// RMS and bias in grey levels, and the RMS of the truth's mean.
-fn difference(values: &[f64], truth: &[f64]) -> [f64; 3] {
+pub(crate) fn difference(values: &[f64], truth: &[f64]) -> [f64; 3] {
     let count = truth.len() as f64;
     let mean = |values: &[f64]| values.iter().sum::<f64>() / count;
     let rms = |pairs: &mut dyn Iterator<Item = f64>| {

@@ -2,7 +2,8 @@
 //!
 //! ```sh
 //! cargo bench -p isophote-displacement-field --bench trace -- SCENE... [--case CASE]... [--speed] [--memory] [--parts N]...
-//! cargo bench -p isophote-displacement-field --bench trace -- --growth TRIANGLES... | --moving INSTANCES
+//! cargo bench -p isophote-displacement-field --bench trace -- --growth TRIANGLES...
+//! cargo bench -p isophote-displacement-field --bench trace -- SCENE... --together | --moving INSTANCES
 //! ```
 //!
 //! A case is `POSITIONSxRESOLUTION[:DIRECTIONS[:STORAGE[:LOOKUP]]]`, such as 4226x32:concentric:byte:aimed; 1122 positions are
@@ -11,6 +12,7 @@
 //! RMS over the vertices in grey levels, by the same rays. Rates are of one thread, tracing alone, the best of three.
 
 mod corner;
+mod group;
 mod growth;
 mod moving;
 
@@ -31,6 +33,7 @@ struct Arguments {
     parts: Vec<u32>,
     growth: Vec<usize>,
     moving: Option<usize>,
+    together: bool,
 }
 
 /// A field and how it is asked.
@@ -42,6 +45,12 @@ struct Case {
 
 fn main() {
     let arguments = Arguments::parse(std::env::args().skip(1));
+    if arguments.together {
+        return group::measure(&arguments.scenes);
+    }
+    if let Some(instances) = arguments.moving {
+        return moving::measure(instances, &arguments.scenes);
+    }
     for name in &arguments.scenes {
         let corner = Corner::new(name, open(name));
         for case in &arguments.cases {
@@ -53,9 +62,6 @@ fn main() {
     }
     if !arguments.growth.is_empty() {
         growth::measure(&arguments.growth);
-    }
-    if let Some(instances) = arguments.moving {
-        moving::measure(instances, &arguments.scenes);
     }
 }
 
@@ -79,6 +85,7 @@ impl Arguments {
                 "--case" => arguments.cases.push(case(&value())),
                 "--speed" => arguments.speed = true,
                 "--memory" => arguments.memory = true,
+                "--together" => arguments.together = true,
                 "--parts" => arguments.parts.push(value().parse().expect("a number")),
                 "--moving" => arguments.moving = Some(value().parse().expect("a number")),
                 "--growth" => {

@@ -1,17 +1,14 @@
 //! Fields in files, so that they are built once; coded without loss.
 //!
 //! ```text
-//! header    112 bytes: what it is, its version, how it was sampled, the sphere, of which mesh, how long the rest is
+//! header    96 bytes: how it was sampled, the sphere, of which mesh, how long the rest is
 //! samples   deflated: a bit for each, whether it hits; and of those that do what is left after predicting them from hits to
 //!           the left, above and beside that
-//! checksum  16 bytes: SipHash-1-3 of all before
 //! ```
 //!
-//! A file is only read after its length and checksum have been found right.
+//! in a [`Sealed`] file.
 
 use std::{
-    fs::File,
-    hash::Hasher,
     io::{Read, Write},
     path::Path,
 };
@@ -19,8 +16,7 @@ use std::{
 use bytemuck::{Pod, Zeroable};
 use flate2::{Compression, read::ZlibDecoder, write::ZlibEncoder};
 use glam::Vec3;
-use isophote_scene::write_atomically;
-use siphasher::sip128::{Hasher128, SipHasher13};
+use isophote_scene::sealed::Sealed;
 
 use super::{
     field::Field,
@@ -28,18 +24,17 @@ use super::{
 };
 use crate::{Directions, Error, FieldParams, Positions, Result, Sphere, Storage};
 
-const MAGIC: [u8; 8] = *b"ISOPHDFI";
-const VERSION: u32 = 2;
-/// Reads differently where bytes lie the other way round.
-const BYTE_ORDER: u32 = 0x0102_0304;
-const CHECKSUM: usize = 16;
+const FORMAT: Sealed = Sealed {
+    magic: *b"ISOPHDFI",
+    // 1 coded misses as distances.
+    version: 2,
+    what: "a displacement field",
+    remedy: "build the field anew",
+};
 
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 struct Header {
-    magic: [u8; 8],
-    version: u32,
-    byte_order: u32,
     positions: [u32; 3],
     directions: u32,
     resolution: u32,
@@ -58,34 +53,17 @@ impl Field {
     /// # Errors
     /// [`Error::Scene`] when the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<u64> {
-        let io = |source| isophote_scene::Error::Io {
-            path: path.to_owned(),
-            source,
-        };
-        let coded = self.coded().map_err(io)?;
+        let coded = self.coded()?;
         let header = self.header(coded.len() as u64);
-        let parts = [bytemuck::bytes_of(&header), &coded];
-        write_atomically(path, |writer| {
-            let mut hasher = SipHasher13::new();
-            for part in parts {
-                hasher.write(part);
-                writer.write_all(part).map_err(io)?;
-            }
-            let sum = hasher.finish128().as_bytes();
-            writer.write_all(&sum).map_err(io)
-        })?;
-        Ok((size_of::<Header>() + coded.len() + CHECKSUM) as u64)
+        Ok(FORMAT.write(path, &header, &[&coded])?)
     }
 
     /// Reads a field that was [saved](Self::save). Whether it is of a mesh is told by [`is_of`](Self::is_of).
     ///
     /// # Errors
-    /// [`Error::Io`] when the file cannot be read, [`Error::Damaged`] when it is no file of a field or not as it was
-    /// written, [`Error::Foreign`] when it is of another version, [`Error::TooLarge`] above `max_bytes`.
+    /// [`Error::Scene`] with what [`Sealed::read`] returns, [`Error::TooLarge`] above `max_bytes`.
     pub fn load(path: &Path, max_bytes: u64) -> Result<Self> {
-        let bytes = read(path)?;
-        let (start, rest) = bytes.split_at(size_of::<Header>());
-        let header: Header = bytemuck::pod_read_unaligned(start);
+        let (header, coded) = FORMAT.read(path, |header: &Header| Ok(header.coded))?;
         let params = header.params(path, max_bytes)?;
         let sphere = Sphere {
             center: Vec3::from_array(header.center),
@@ -94,29 +72,21 @@ impl Field {
         if !(sphere.center.is_finite() && sphere.radius > 0.0 && sphere.radius.is_finite()) {
             return Err(damaged(path, "its sphere has no extent"));
         }
-        let coded = &rest[..rest.len() - CHECKSUM];
-        let samples = decoded(coded, &params).map_err(|reason| damaged(path, reason))?;
+        let samples = decoded(&coded, &params).map_err(|reason| damaged(path, reason))?;
         Ok(Self::new(params, sphere, header.mesh, samples))
     }
 
     /// Bytes of the samples when coded, as a file has them.
     ///
     /// # Errors
-    /// [`Error::Io`] as the library that codes says.
+    /// [`Error::Scene`] as the library that codes says.
     pub fn coded_bytes(&self) -> Result<usize> {
-        let coded = self.coded().map_err(|source| Error::Io {
-            path: "memory".into(),
-            source,
-        })?;
-        Ok(coded.len())
+        Ok(self.coded()?.len())
     }
 
     fn header(&self, coded: u64) -> Header {
         let params = &self.params;
         Header {
-            magic: MAGIC,
-            version: VERSION,
-            byte_order: BYTE_ORDER,
             positions: match params.positions {
                 Positions::Slater { rings } => [0, rings, 0],
                 Positions::Spherical { rows, columns } => [1, rows, columns],
@@ -134,7 +104,15 @@ impl Field {
     }
 
     /// The samples, predicted and deflated.
-    fn coded(&self) -> std::io::Result<Vec<u8>> {
+    fn coded(&self) -> Result<Vec<u8>> {
+        let coded = self.deflated().map_err(|source| isophote_scene::Error::Io {
+            path: "memory".into(),
+            source,
+        });
+        Ok(coded?)
+    }
+
+    fn deflated(&self) -> std::io::Result<Vec<u8>> {
         let side = self.params.resolution as usize;
         let mut encoder = ZlibEncoder::new(Vec::new(), Compression::new(6));
         match &self.samples {
@@ -312,51 +290,6 @@ fn decoded(coded: &[u8], params: &FieldParams) -> Result<Samples, &'static str> 
     })
 }
 
-/// The whole file, its beginning, length and checksum found right.
-fn read(path: &Path) -> Result<Vec<u8>> {
-    let fail = |source| Error::Io {
-        path: path.to_owned(),
-        source,
-    };
-    let mut file = File::open(path).map_err(fail)?;
-    let length = file.metadata().map_err(fail)?.len();
-    let mut start = [0; size_of::<Header>()];
-    file.read_exact(&mut start)
-        .map_err(|_| damaged(path, "it is too short to hold a field"))?;
-    let header: Header = bytemuck::pod_read_unaligned(&start);
-    if header.magic != MAGIC {
-        return Err(damaged(path, "it is no file of a displacement field"));
-    }
-    if header.version != VERSION || header.byte_order != BYTE_ORDER {
-        return Err(Error::Foreign {
-            path: path.to_owned(),
-            reason: "the field was saved by another version or on another kind of processor".into(),
-        });
-    }
-    // Only what is there is read, whatever the header says.
-    let expected = header
-        .coded
-        .checked_add((size_of::<Header>() + CHECKSUM) as u64);
-    if expected != Some(length) {
-        return Err(damaged(
-            path,
-            "it is not as long as its header says: it was cut off, or something was added",
-        ));
-    }
-    let mut bytes = start.to_vec();
-    file.take(length).read_to_end(&mut bytes).map_err(fail)?;
-    if bytes.len() as u64 != length {
-        return Err(damaged(path, "it changed while it was read"));
-    }
-    let (content, sum) = bytes.split_at(bytes.len() - CHECKSUM);
-    let mut hasher = SipHasher13::new();
-    hasher.write(content);
-    if hasher.finish128().as_bytes() != *sum {
-        return Err(damaged(path, "its checksum is wrong"));
-    }
-    Ok(bytes)
-}
-
 impl Header {
     fn params(&self, path: &Path, max_bytes: u64) -> Result<FieldParams> {
         let wrong = || damaged(path, "its header holds parameters out of their range");
@@ -386,8 +319,5 @@ impl Header {
 }
 
 fn damaged(path: &Path, reason: &str) -> Error {
-    Error::Damaged {
-        path: path.to_owned(),
-        reason: reason.into(),
-    }
+    FORMAT.damaged(path, reason).into()
 }

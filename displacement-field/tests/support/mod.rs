@@ -5,9 +5,12 @@
 use std::{f32::consts::TAU, sync::Arc};
 
 use glam::{Affine3A, Vec3};
-use isophote_displacement_field::{Field, FieldParams, Positions, alone};
+use isophote_displacement_field::{
+    Field, FieldParams, FieldTracer, LookUp, Object, Positions, alone,
+};
 use isophote_scene::{
-    BuildTracer, BvhOptions, BvhTracer, Instance, Material, Mesh, Scene, Selection,
+    BuildTracer, BvhOptions, BvhTracer, Instance, Material, Mesh, Ray, Scene, Selection, Tracer,
+    sample::{Sampler, uniform_sphere},
 };
 
 /// A grid of vertices that closes around both ways.
@@ -74,4 +77,34 @@ pub(crate) fn coarse() -> FieldParams {
         positions: Positions::Slater { rings: 16 },
         ..FieldParams::default()
     }
+}
+
+pub(crate) fn placed(scene: &Arc<Scene>, field: Field, look_up: LookUp) -> FieldTracer {
+    let object = Object::new(field);
+    FieldTracer::new(scene, &Selection::default(), vec![object], look_up).unwrap()
+}
+
+/// Rays from within twice the sphere, everywhere.
+pub(crate) fn rays(center: Vec3, radius: f32, count: u32) -> Vec<Ray> {
+    (0..count)
+        .map(|index| {
+            let sampler = Sampler::new(11, 0, index);
+            let from = uniform_sphere(sampler.get_2d(0)) * 2.0 * radius * sampler.get_1d(1);
+            Ray::new(center + from, uniform_sphere(sampler.get_2d(2)))
+        })
+        .collect()
+}
+
+/// The share of rays that hit for one tracer and miss for the other, and the median error of t where both hit.
+pub(crate) fn errors(tracer: &dyn Tracer, exact: &dyn Tracer, rays: &[Ray]) -> [f64; 2] {
+    let (mut wrong, mut off) = (0, vec![0.0]);
+    for ray in rays {
+        match (tracer.closest_hit(ray), exact.closest_hit(ray)) {
+            (Some(hit), Some(truth)) => off.push(f64::from((hit.t - truth.t).abs())),
+            (None, None) => {}
+            _ => wrong += 1,
+        }
+    }
+    off.sort_by(f64::total_cmp);
+    [wrong as f64 / rays.len() as f64, off[off.len() / 2]]
 }
