@@ -1,7 +1,7 @@
 //! What frames take, stage by stage, and how far shortcuts are off: one line of JSON for each case.
 //!
 //! ```sh
-//! cargo bench -p isophote-instant-gi --bench frame -- SCENE [--size WxH] [--frames N] [--mirror MATERIAL[,…]]
+//! cargo bench -p isophote-instant-gi --bench frame -- SCENE [--size WxH] [--frames N] [--mirror MATERIAL[,…]] [--caching METRES]
 //!     [--case PATHS:VISIBILITY:DOWNSAMPLING:MxN:PATTERN:FILTER:SEQUENCE]...
 //! ```
 //!
@@ -9,7 +9,8 @@
 //! `fill` or `paper`, the sequence `lattice` or `halton`; what is left out is the plain method's. Materials are diffuse, unless some
 //! are made mirrors. Every frame shoots its light paths anew
 //! and is rendered wholly; times are medians over the frames. Errors are those of the indirect light against the plain
-//! method with the same light paths. The built-in office and 180 light paths unless given.
+//! method with the same light paths; `mirrors_rel_rmse` is that of what mirrors show where there
+//! are some, against light gathered at all of it. The built-in office and 180 light paths unless given.
 
 use std::{path::Path, sync::Arc, time::Instant};
 
@@ -29,6 +30,7 @@ struct Arguments {
     size: [u32; 2],
     frames: usize,
     mirrors: Vec<String>,
+    caching: f32,
     cases: Vec<String>,
 }
 
@@ -47,6 +49,7 @@ impl Arguments {
             size: [800, 600],
             frames: 7,
             mirrors: Vec::new(),
+            caching: 0.0,
             cases: Vec::new(),
         };
         while let Some(word) = words.next() {
@@ -57,6 +60,7 @@ impl Arguments {
                 "--size" => arguments.size = pair(&value()),
                 "--frames" => arguments.frames = value().parse().expect("a number"),
                 "--mirror" => arguments.mirrors = value().split(',').map(str::to_owned).collect(),
+                "--caching" => arguments.caching = value().parse().expect("a number"),
                 "--case" => arguments.cases.push(value()),
                 flag if flag.starts_with("--") => panic!("what is {flag}?"),
                 scene => arguments.scene = scene.into(),
@@ -142,8 +146,8 @@ struct Bench<'a> {
     materials: Materials,
     triangles: BvhTracer,
     boxes: BvhTracer,
-    /// Indirect light of the plain method, with its light paths.
-    truth: Option<((u32, Sequence), Vec<Vec3>)>,
+    /// Indirect light of the plain method and what mirrors show, with its light paths.
+    truth: Option<((u32, Sequence), [Vec<Vec3>; 2])>,
 }
 
 impl<'a> Bench<'a> {
@@ -196,8 +200,8 @@ impl<'a> Bench<'a> {
             .expect("a picture")
     }
 
-    /// Indirect light of the plain method with the same light paths.
-    fn truth(&mut self, case: &Case) -> Vec<Vec3> {
+    /// Indirect light of the plain method with the same light paths, and what mirrors show.
+    fn truth(&mut self, case: &Case) -> [Vec<Vec3>; 2] {
         let paths = (case.params.paths, case.params.sequence);
         if let Some((of, truth)) = &self.truth
             && *of == paths
@@ -213,13 +217,21 @@ impl<'a> Bench<'a> {
                 ..case.params
             },
         };
-        let truth = self.render(&plain).indirect;
+        let stages = self.render(&plain);
+        let truth = [stages.indirect, stages.specular];
         self.truth = Some((paths, truth.clone()));
         truth
     }
 
     fn run(&mut self, text: &str, case: &Case) -> Value {
-        let truth = self.truth(case);
+        let [truth, mirrored] = self.truth(case);
+        let case = &Case {
+            params: GiParams {
+                caching: self.arguments.caching,
+                ..case.params
+            },
+            ..*case
+        };
         let mut frames = Vec::new();
         let mut stages: Vec<Vec<f64>> = Vec::new();
         let mut last = Stages::default();
@@ -245,6 +257,8 @@ impl<'a> Bench<'a> {
             "vpls": last.vpls.len(),
             "frame_seconds": median(frames),
             "passes": passes.collect::<Vec<_>>(),
+            "caching": self.arguments.caching,
+            "mirrors_rel_rmse": where_mirrored(&last.specular, &mirrored),
             "rel_rmse": rel_rmse,
             "bias": bias,
             "gained": gained,
@@ -268,6 +282,17 @@ fn changes(values: &[Vec3], truth: &[Vec3]) -> [f64; 2] {
     let gained = sum(&mut pairs().map(|change| change.max(Vec3::ZERO)));
     let lost = sum(&mut pairs().map(|change| (-change).max(Vec3::ZERO)));
     [gained / all, lost / all]
+}
+
+/// relRMSE in the pixels that show mirrors; 0 where there are none.
+fn where_mirrored(values: &[Vec3], truth: &[Vec3]) -> f64 {
+    let pairs = values.iter().zip(truth);
+    let (values, truth): (Vec<Vec3>, Vec<Vec3>) =
+        pairs.filter(|(_, truth)| **truth != Vec3::ZERO).unzip();
+    match truth.is_empty() {
+        true => 0.0,
+        false => errors(&values, &truth)[0],
+    }
 }
 
 /// relRMSE and bias.

@@ -3,9 +3,11 @@
 //! The exact tracer answers for the camera, the particles, direct light and mirrors; the secondary one says whether points
 //! see the virtual lights: any tracer, exact or not.
 
+mod cache;
 pub mod emission;
 mod fill;
 pub(crate) mod filter;
+mod history;
 pub(crate) mod indirect;
 pub mod maps;
 mod samples;
@@ -24,6 +26,7 @@ use isophote_scene::{
 };
 use rayon::prelude::*;
 
+pub use self::history::History;
 use self::{
     emission::{Vpl, shoot},
     filter::Upsample,
@@ -61,9 +64,9 @@ pub struct Stages {
     pub picture: Vec<Vec3>,
     /// The virtual point lights.
     pub vpls: Vec<Vpl>,
-    /// What each stage took: `vpls`, `camera`, `maps`, `direct`, `mirrored`, `indirect`, `filter`, `compose`. `mirrored`
-    /// is the light of the virtual point lights on what mirrors and glass show: the paper's hidden cost, part of its direct
-    /// stage. `maps` takes nothing where points see by rays.
+    /// What each stage took: `vpls`, `camera`, `maps`, `direct`, `mirrored`, `indirect`, `filter`, with a history `history`,
+    /// `compose`. `mirrored` is the light of the virtual point lights on what mirrors and glass show: the paper's hidden
+    /// cost, part of its direct stage. `maps` takes nothing where points see by rays.
     pub passes: Vec<Pass>,
 }
 
@@ -99,8 +102,39 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
         size: [u32; 2],
         progress: &dyn Progress,
     ) -> Result<Stages> {
+        self.picture(&self.params, camera, size, None, progress)
+    }
+
+    /// Renders the next picture of a sequence: with other light paths than those before it, and with the irradiance that the
+    /// history has of what is seen again. Where objects moved, their old light is rejected unless place and normal fit by
+    /// chance; light that changed is followed as slowly as the history is long. A picture of another size starts it anew.
+    ///
+    /// # Errors
+    /// As [`render`](Self::render).
+    pub fn render_next(
+        &self,
+        camera: &Camera,
+        size: [u32; 2],
+        history: &mut History,
+        progress: &dyn Progress,
+    ) -> Result<Stages> {
+        let params = GiParams {
+            seed: self.params.seed.wrapping_add(history.pictures()),
+            ..self.params
+        };
+        self.picture(&params, camera, size, Some(history), progress)
+    }
+
+    fn picture(
+        &self,
+        params: &GiParams,
+        camera: &Camera,
+        size: [u32; 2],
+        history: Option<&mut History>,
+        progress: &dyn Progress,
+    ) -> Result<Stages> {
         let pixels = check_size(size)?;
-        let (scene, exact, params) = (self.scene, self.tracers.exact, &self.params);
+        let (scene, exact) = (self.scene, self.tracers.exact);
         let upsample = Upsample::new(size, params)?;
         let mut passes = Vec::new();
         let vpls = Pass::timed(&mut passes, "vpls", || {
@@ -173,6 +207,12 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
         let irradiance = Pass::timed(&mut passes, "filter", || {
             (upsample.apply(&samples, &seen, &camera.pinhole()), [0, 0])
         })?;
+        let irradiance = match history {
+            Some(history) => Pass::timed(&mut passes, "history", || {
+                (history.add(&irradiance, &seen, &camera.pinhole()), [0, 0])
+            })?,
+            None => irradiance,
+        };
         let (indirect, picture) = Pass::timed(&mut passes, "compose", || {
             let (mut indirect, mut picture) = (Vec::new(), Vec::new());
             let lit = irradiance.par_iter().zip(&direct).zip(&specular);

@@ -37,7 +37,7 @@ use self::{
     passes::{Bound, Passes, Shared, Targets},
 };
 use crate::{
-    GiParams, Lookup, Pattern, Result, Sequence, Stages,
+    Error, GiParams, Lookup, Pattern, Result, Sequence, Stages,
     cpu::{check_size, filter::Upsample, indirect::COMPENSATION},
 };
 
@@ -202,6 +202,13 @@ impl InstantGi {
     ) -> Result<Self> {
         params.check()?;
         check_size(size)?;
+        if params.caching > 0.0 {
+            return Err(Error::Parameter {
+                name: "the distance of cached light",
+                value: params.caching.to_string(),
+                expected: "it must be 0 on GPUs",
+            });
+        }
         let exact = world.exact.answers();
         exact.require(Answers::Surface, "igi", "the exact tracer")?;
         let secondary = world.secondary.answers();

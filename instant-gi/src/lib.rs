@@ -7,7 +7,7 @@
 //! 3. [`cpu::maps`]: shadow maps of the virtual point lights, where they are asked for (§6).
 //! 4. `cpu/tiles.rs` and `cpu/specular.rs`: light straight from the lights, mirrors and glass (§4).
 //! 5. `cpu/samples.rs`, `cpu/indirect.rs`: the virtual point lights' light (Eq. (1)), of all or of a part of them (§4.2, §4.3).
-//! 6. `cpu/filter.rs`: samples become a picture (Eq. (2), §4.3).
+//! 6. `cpu/filter.rs`: samples become a picture (Eq. (2), §4.3); in a sequence of pictures, `cpu/history.rs`.
 //!
 //! The same stages on GPUs: `gpu.rs` and the shaders of the stages' names (feature `gpu`).
 //!
@@ -24,6 +24,7 @@
 //! | §6, visibility by parabolic shadow maps | [`Visibility::Maps`], [`cpu::maps`] |
 //! | §6, both filters in a single pass | [`isophote_filters::SinglePass`] |
 //! | §6, irregular interleaving | [`Pattern::Irregular`] |
+//! | §6, instant caching for what mirrors show | [`GiParams::caching`], `cpu/cache.rs` |
 //!
 //! # Differences from the paper
 //!
@@ -38,7 +39,7 @@
 //! - What mirrors and glass show is lit tile by tile and timed apart; the paper lights it where it is hit.
 //! - Imperfect visibility needs no second structure: [`isophote_scene::BvhTracer::with_leaves`] asks one tree for boxes.
 //! - Shadow maps are filled by rays of the secondary tracer, not by rasterisation, so that any tracer has them.
-//! - Not there: interpolation for what mirrors show (§6).
+//! - Instant caching (§6) interpolates between points of fixed cubes, and only what mirrors show (`cpu/cache.rs`); on CPUs.
 
 pub mod cpu;
 mod error;
@@ -47,7 +48,7 @@ pub mod gpu;
 mod params;
 
 pub use self::{
-    cpu::{InstantGi, Stages},
+    cpu::{History, InstantGi, Stages},
     error::{Error, Result},
     params::{Filter, GiParams, Lookup, Pattern, Sequence, ShadowMaps, Visibility},
 };

@@ -22,6 +22,9 @@ pub struct GiParams {
     pub compensation: u32,
     /// How many mirrors and panes of glass a path from the eye goes through, 0 to 16.
     pub depth: u32,
+    /// Metres between the points at which light on what mirrors and glass show is computed, to be interpolated between them
+    /// (instant caching, §6); at least 0, which computes it at all that they show. CPU only.
+    pub caching: f32,
     /// Samples a pixel of light from lights with an extent, 1 to 1024; others need one.
     pub light_rays: u32,
     /// Rays a pixel into the highlights of rough metal, 1 to 1024.
@@ -129,6 +132,7 @@ impl Default for GiParams {
             min_d: 0.1,
             compensation: 0,
             depth: 4,
+            caching: 0.0,
             light_rays: 4,
             glossy_rays: 4,
             downsampling: 1,
@@ -244,6 +248,13 @@ impl GiParams {
             if !(least..=most).contains(&value) {
                 return wrong(name, value.to_string(), expected);
             }
+        }
+        if !(self.caching >= 0.0 && self.caching.is_finite()) {
+            return wrong(
+                "the distance of cached light",
+                self.caching.to_string(),
+                "it must be at least 0",
+            );
         }
         if !(self.min_d >= 0.0 && self.min_d.is_finite()) {
             return wrong("min_d", self.min_d.to_string(), "it must be 0 or positive");

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use isophote_instant_gi::{
-    Error, Filter, GiParams, InstantGi, Pattern, ShadowMaps, Stages, Visibility,
+    Error, Filter, GiParams, History, InstantGi, Pattern, ShadowMaps, Stages, Visibility,
     cpu::emission::shoot,
 };
 use isophote_scene::{
@@ -69,6 +69,81 @@ fn particles_carry_what_the_lights_emit() {
             "{bounce}: {sent} {most}"
         );
     }
+}
+
+fn relative_rmse(values: &[Vec3], truth: &[Vec3]) -> f32 {
+    let pairs = values.iter().zip(truth);
+    let squares: f32 = pairs.map(|(a, b)| (*a - *b).length_squared()).sum();
+    (squares / (3 * truth.len()) as f32).sqrt() / mean(truth)
+}
+
+/// Light on what mirrors show is smooth: a few points of it tell the rest.
+#[test]
+fn cached_light_is_nearly_the_light() {
+    let (mut scene, tracer) = scene("cornell");
+    for material in &mut Arc::make_mut(&mut scene).materials {
+        (material.metallic, material.roughness) = (0.5, 0.0);
+    }
+    let plain = GiParams {
+        paths: 256,
+        depth: 2,
+        ..GiParams::default()
+    };
+    let truth = render(&scene, &tracer, &tracer, &plain);
+    let mirrored = |stages: &Stages| {
+        let mut passes = stages.passes.iter();
+        passes.find(|pass| pass.name == "mirrored").unwrap().rays
+    };
+    let mut errors = Vec::new();
+    for caching in [0.02, 0.1] {
+        let params = GiParams { caching, ..plain };
+        let found = render(&scene, &tracer, &tracer, &params);
+        errors.push(relative_rmse(&found.specular, &truth.specular));
+        assert!(mirrored(&found) < mirrored(&truth));
+        assert_eq!(found.indirect, truth.indirect);
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(1)
+            .build()
+            .unwrap();
+        let alone = pool.install(|| render(&scene, &tracer, &tracer, &params));
+        assert_eq!(found.specular, alone.specular);
+    }
+    assert!(errors[0] < errors[1] && errors[1] < 0.1, "{errors:?}");
+}
+
+/// Pictures of a sequence shoot other light paths, and together know more than the first.
+#[test]
+fn sequences_come_nearer_to_the_truth() {
+    let (scene, tracer) = scene("cornell");
+    let tracers = Tracers {
+        exact: &tracer,
+        secondary: &tracer,
+    };
+    let params = GiParams {
+        paths: 32,
+        ..GiParams::default()
+    };
+    let many = GiParams {
+        paths: 4096,
+        ..params
+    };
+    let truth = render(&scene, &tracer, &tracer, &many).irradiance;
+    let gi = InstantGi::new(&scene, tracers, &params).unwrap();
+    let mut history = History::new(16).unwrap();
+    let mut errors = Vec::new();
+    for number in 0..8 {
+        let camera = &scene.cameras[0];
+        let stages = gi
+            .render_next(camera, SIZE, &mut history, &|_, _| {})
+            .unwrap();
+        if number == 0 {
+            let first = render(&scene, &tracer, &tracer, &params).irradiance;
+            assert_eq!(stages.irradiance, first);
+        }
+        errors.push(relative_rmse(&stages.irradiance, &truth));
+    }
+    assert_eq!(history.pictures(), 8);
+    assert!(errors[7] < 0.6 * errors[0], "{errors:?}");
 }
 
 #[test]

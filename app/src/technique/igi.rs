@@ -50,6 +50,9 @@ pub(crate) struct IgiTechnique {
     /// Mirrors and panes of glass that are looked through
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(0..=16))]
     igi_depth: u32,
+    /// Metres between points at which light on what mirrors show is computed; 0 at all (CPU only)
+    #[arg(long, value_name = "METRES", default_value_t = 0.0, value_parser = values::not_negative)]
+    igi_caching: f32,
     /// Samples a pixel of lights with an extent
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1024))]
     igi_light_rays: u32,
@@ -153,6 +156,7 @@ impl IgiTechnique {
             min_d: order.min_d.unwrap_or(MIN_D),
             compensation: self.igi_compensation,
             depth: self.igi_depth,
+            caching: self.igi_caching,
             light_rays: self.igi_light_rays,
             glossy_rays: self.igi_glossy_rays,
             downsampling: self.igi_downsampling,

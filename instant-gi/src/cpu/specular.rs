@@ -10,6 +10,7 @@ use isophote_scene::{
     fresnel, reference::Materials, sample::Sampler,
 };
 
+use super::indirect::Receiver;
 use crate::GiParams;
 
 /// Rays that carry less than this share of a pixel's light are not followed.
@@ -32,6 +33,18 @@ pub(super) struct Mirrored {
     pub(super) weight: Vec3,
     /// The pixel's number.
     pub(super) pixel: u32,
+}
+
+impl Mirrored {
+    /// To be lit by all virtual point lights.
+    pub(super) fn receiver(&self) -> Receiver<'_> {
+        Receiver {
+            point: &self.point,
+            normal: self.normal,
+            parts: 1,
+            stream: self.pixel,
+        }
+    }
 }
 
 /// What a tree finds beside light.

@@ -1,7 +1,8 @@
 //! Stage 3 over the picture: tile by tile the trees of rays, and then the light of the virtual point lights on all that a
 //! tile's mirrors and glass show.
 //!
-//! That is the paper's hidden cost: at full resolution, since no grid of pixels lies over it. It is timed apart.
+//! That is the paper's hidden cost: at full resolution, since no grid of pixels lies over it, unless it is interpolated over the
+//! scene (`cpu/cache.rs`). It is timed apart.
 
 use std::{
     iter::Sum,
@@ -14,14 +15,17 @@ use rayon::prelude::*;
 
 use super::{
     Meter,
+    cache::Cache,
     indirect::{Gather, Receiver, Share},
-    specular::{Found, Tree},
+    specular::{Found, Mirrored, Tree},
 };
 
 /// Pixels of a tile, across and down.
 const TILE: [usize; 2] = [16, 8];
 /// What mirrors show is lit once there is so much of it, so that memory does not grow with the number of glossy rays.
 const MOST: usize = 1 << 12;
+/// Pixels whose mirrors are looked into before what they show is interpolated, so that memory does not grow with the picture.
+const AT_ONCE: usize = 1 << 17;
 
 /// Light by pixel, row by row from the top, and what it took.
 pub(super) struct Direct {
@@ -71,15 +75,27 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Tiles<'_, E, S> {
         let pixels = seen.pixels.len();
         let (mut direct, mut specular) = (vec![Vec3::ZERO; pixels], vec![Vec3::ZERO; pixels]);
         let band = TILE[1] * width;
-        let cost = direct
-            .par_chunks_mut(band)
-            .zip(specular.par_chunks_mut(band))
-            .zip(seen.pixels.par_chunks(band))
-            .enumerate()
-            .map(|(number, ((direct, specular), seen))| {
-                self.band(number * band, width, seen, [direct, specular])
-            })
-            .sum();
+        let side = self.tree.params.caching;
+        let mut cache = (side > 0.0).then(|| Cache::new(side));
+        let mut cost = Cost::default();
+        let part = AT_ONCE.div_ceil(band) * band;
+        for first in (0..pixels).step_by(part) {
+            let all = first..(first + part).min(pixels);
+            let bands = direct[all.clone()]
+                .par_chunks_mut(band)
+                .zip(specular[all.clone()].par_chunks_mut(band))
+                .zip(seen.pixels[all].par_chunks(band))
+                .enumerate()
+                .map(|(number, ((direct, specular), seen))| {
+                    self.band(first + number * band, width, seen, [direct, specular])
+                });
+            let (costs, shown): (Vec<Cost>, Vec<Vec<Mirrored>>) = bands.unzip();
+            cost = costs.into_iter().chain([cost]).sum();
+            if let Some(cache) = &mut cache {
+                let shown: Vec<Mirrored> = shown.into_iter().flatten().collect();
+                self.look_up(cache, &shown, &mut specular, &mut cost);
+            }
+        }
         Direct {
             direct,
             specular,
@@ -87,16 +103,35 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Tiles<'_, E, S> {
         }
     }
 
-    /// Some rows, the first of whose pixels has a number.
+    /// Adds what a cache knows of the light on what mirrors show.
+    fn look_up(
+        &self,
+        cache: &mut Cache,
+        shown: &[Mirrored],
+        specular: &mut [Vec3],
+        cost: &mut Cost,
+    ) {
+        let start = Instant::now();
+        let (irradiance, rays) = cache.irradiance(self.gather, shown);
+        for (mirrored, irradiance) in shown.iter().zip(irradiance) {
+            specular[mirrored.pixel as usize] += mirrored.weight * irradiance;
+        }
+        cost.mirrored_rays += rays;
+        // All threads work on it.
+        cost.mirrored += start.elapsed() * rayon::current_num_threads() as u32;
+    }
+
+    /// Some rows, the first of whose pixels has a number. Returns what mirrors show if it is to be looked up.
     fn band(
         &self,
         first: usize,
         width: usize,
         seen: &[Option<Seen>],
         [direct, specular]: [&mut [Vec3]; 2],
-    ) -> Cost {
+    ) -> (Cost, Vec<Mirrored>) {
         let mut cost = Cost::default();
         let mut found = Found::default();
+        let is_cached = self.tree.params.caching > 0.0;
         for left in (0..width).step_by(TILE[0]) {
             let start = Instant::now();
             let before = cost.mirrored;
@@ -106,17 +141,19 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Tiles<'_, E, S> {
                         let pixel = (first + place) as u32;
                         [direct[place], specular[place]] = self.tree.light(seen, pixel, &mut found);
                     }
-                    if found.mirrored.len() >= MOST {
+                    if found.mirrored.len() >= MOST && !is_cached {
                         self.light_mirrored(first, &mut found, specular, &mut cost);
                     }
                 }
             }
-            self.light_mirrored(first, &mut found, specular, &mut cost);
+            if !is_cached {
+                self.light_mirrored(first, &mut found, specular, &mut cost);
+            }
             cost.own += start.elapsed().saturating_sub(cost.mirrored - before);
         }
         cost.rays = found.rays;
         self.meter.advance(seen.len());
-        cost
+        (cost, found.mirrored)
     }
 
     /// Adds the light of the virtual point lights to the pixels that mirrors show it in.
@@ -131,16 +168,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Tiles<'_, E, S> {
             return;
         }
         let start = Instant::now();
-        let receivers: Vec<Receiver<'_>> = found
-            .mirrored
-            .iter()
-            .map(|mirrored| Receiver {
-                point: &mirrored.point,
-                normal: mirrored.normal,
-                parts: 1,
-                stream: mirrored.pixel,
-            })
-            .collect();
+        let receivers: Vec<Receiver<'_>> = found.mirrored.iter().map(Mirrored::receiver).collect();
         let mut irradiance = vec![Vec3::ZERO; receivers.len()];
         cost.mirrored_rays += self
             .gather

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use super::{Measured, conference, office};
 use crate::paper::{
     lab::{Lab, Scene, number},
-    page::{Part, Section},
+    page::{Part, Picture, Section},
     report::{cells, percent, signed},
 };
 
@@ -25,32 +25,36 @@ struct Variant {
 const PAPER: [Variant; 4] = [
     Variant {
         name: "plain",
-        case: "triangles",
+        case: "triangles:1:1x1:regular:paper:halton",
         then: "",
         over: None,
     },
     Variant {
         name: "imperfect visibility",
-        case: "boxes",
+        case: "boxes:1:1x1:regular:paper:halton",
         then: "1.5 to 2",
         over: Some(0),
     },
     Variant {
         name: "+ downsampling 4 × 4",
-        case: "boxes:4:1x1:regular:paper",
+        case: "boxes:4:1x1:regular:paper:halton",
         then: "about 5",
         over: Some(1),
     },
     Variant {
         name: "+ interleaving 3 × 3",
-        case: "boxes:4:3x3:regular:paper",
+        case: "boxes:4:3x3:regular:paper:halton",
         then: "further",
         over: Some(2),
     },
 ];
 
-/// The milder ones that the paper proposes, and ours; to the plain method.
-const OTHERS: [Variant; 10] = [
+/// The milder ones that the paper proposes, and ours; to the plain method, all with a lattice for each light.
+const OTHERS: [Variant; 11] = [
+    Variant {
+        over: None,
+        ..other("plain", "triangles")
+    },
     other("downsampling 4 × 4 alone", "triangles:4:1x1:regular:paper"),
     other("downsampling 4 × 4, depths too", "triangles:4"),
     other("downsampling 3 × 3, depths too", "triangles:3"),
@@ -88,7 +92,14 @@ const fn other(name: &'static str, case: &'static str) -> Variant {
 }
 
 /// Materials of the table and of the chairs' frames in Conference.
-pub(super) const MIRRORS: &str = "mesh29_SG,mesh21_SG";
+pub(super) const MIRRORS: [&str; 2] = ["mesh29_SG", "mesh21_SG"];
+/// With caching of what they show.
+const CACHED: [Variant; 1] = [Variant {
+    name: "triangles, gaps filled",
+    case: "triangles:4:3x3:regular:fill",
+    then: "",
+    over: None,
+}];
 
 const TEXT: &str = "Milliseconds of the stages of a frame and their share, medians; every frame shoots its light paths anew. \
     'mirrored' is the light of the virtual lights on what mirrors show, which the paper counts as part of its direct stage. Speed-ups \
@@ -102,29 +113,33 @@ const STAGES: [&str; 7] = [
 pub(super) fn measure(lab: &Lab) -> Measured {
     let (mut parts, mut numbers) = (vec![Part::Text(TEXT.to_owned())], Vec::new());
     for scene in [conference(lab), office(lab)] {
-        let mut table = Table::new(lab, &scene, "");
+        let mut table = Table::new(lab, &scene, &[]);
         for paths in [30, 90, 180] {
             table.add(paths, &PAPER)?;
         }
         parts.push(Part::Text(format!("Fig. 4 and 5, {}", scene.title)));
         table.finish(&mut parts, &mut numbers);
-        let mut table = Table::new(lab, &scene, "");
-        let variants = [&PAPER[..1], &OTHERS].concat();
-        table.add(180, &variants)?;
+        let mut table = Table::new(lab, &scene, &[]);
+        table.add(180, &OTHERS)?;
         parts.push(Part::Text(format!(
-            "Milder settings and other filters, {}",
+                "Milder settings and other filters, {}; light paths from a lattice for each light, which the paper has not",
             scene.title
         )));
         table.finish(&mut parts, &mut numbers);
     }
     let scene = conference(lab);
     if !scene.is_builtin {
-        let mut table = Table::new(lab, &scene, MIRRORS);
+        let mut table = Table::new(lab, &scene, &MIRRORS);
         table.add(180, &PAPER)?;
+        for caching in ["0", "0.05", "0.1", "0.2"] {
+            table.caching = caching;
+            table.add(180, &CACHED)?;
+        }
         let title = "Conference with the table and the chairs' frames made mirrors: what they show is lit at full resolution \
                      and by all virtual lights, whatever the shortcuts";
         parts.push(Part::Text(title.to_owned()));
         table.finish(&mut parts, &mut numbers);
+        parts.push(pictures(lab, &scene)?);
     }
     let section = Section {
         id: "frames",
@@ -134,21 +149,62 @@ pub(super) fn measure(lab: &Lab) -> Measured {
     Ok((section, Value::Array(numbers)))
 }
 
+/// Conference with diffuse materials, and with mirrors.
+fn pictures(lab: &Lab, scene: &Scene) -> Result<Part> {
+    let size = match lab.quick {
+        true => "--size=160x120",
+        false => "--size=800x600",
+    };
+    let base = [
+        "--technique=igi",
+        "--device=cpu",
+        "--quantity=path",
+        "--igi-downsampling=4",
+        "--igi-interleaving=3x3",
+        "--igi-filter=fill",
+        "--exposure=0.5",
+        size,
+    ];
+    let mirrors = MIRRORS.map(|name| format!("--material={name}=1,0"));
+    let mirrors: Vec<&str> = mirrors.iter().map(String::as_str).collect();
+    let cached = [&mirrors[..], &["--igi-caching=0.1"]].concat();
+    let ways: [(&str, &[&str]); 3] = [
+        ("diffuse materials", &["--materials=lambert"]),
+        ("table and frames made mirrors", &mirrors),
+        ("the same, light on what they show cached at 10 cm", &cached),
+    ];
+    let picture = |(caption, flags): (&str, &[&str])| {
+        let shot = lab.render("frames-materials", scene, &[&base[..], flags].concat())?;
+        Ok(Picture {
+            png: lab.png(&shot)?,
+            left: None,
+            caption: caption.to_owned(),
+            command: shot.command,
+        })
+    };
+    Ok(Part::Pictures {
+        title: "Conference, 180 light paths, 4 × 4 and 3 × 3 with gaps filled".to_owned(),
+        pictures: ways.into_iter().map(picture).collect::<Result<_>>()?,
+    })
+}
+
 /// A table of one scene.
 struct Table<'a> {
     lab: &'a Lab,
     scene: &'a Scene,
-    mirrors: &'static str,
+    mirrors: &'static [&'static str],
+    caching: &'static str,
     rows: Vec<Vec<String>>,
     numbers: Vec<Value>,
 }
 
 impl<'a> Table<'a> {
-    fn new(lab: &'a Lab, scene: &'a Scene, mirrors: &'static str) -> Self {
+    fn new(lab: &'a Lab, scene: &'a Scene, mirrors: &'static [&'static str]) -> Self {
         Self {
             lab,
             scene,
             mirrors,
+            caching: "0",
             rows: Vec::new(),
             numbers: Vec::new(),
         }
@@ -165,15 +221,24 @@ impl<'a> Table<'a> {
             true => ["--size", "160x120", "--frames", "2"],
             false => ["--size", "800x600", "--frames", "3"],
         });
-        if !self.mirrors.is_empty() {
-            flags.extend(["--mirror", self.mirrors]);
+        let mirrors = self.mirrors.join(",");
+        if !mirrors.is_empty() {
+            flags.extend(["--mirror", &mirrors, "--caching", self.caching]);
         }
         let lines = self
             .lab
             .bench(["isophote-instant-gi", "frame"], self.scene, &flags)?;
         for (variant, line) in variants.iter().zip(&lines) {
             let over = variant.over.and_then(|over| lines.get(over));
-            self.rows.push(row(paths, variant, line, over)?);
+            let mut row = row(paths, variant, line, over)?;
+            if self.caching != "0" {
+                let name = format!("{}, mirrors cached at {} m", variant.name, self.caching);
+                row[1] = name;
+            }
+            if !mirrors.is_empty() {
+                row.push(percent(number(line, "/mirrors_rel_rmse")?));
+            }
+            self.rows.push(row);
             self.numbers.push(json!({
                 "title": self.scene.title, "variant": variant.name, "speed_up_then": variant.then,
                 "measured": line,
@@ -183,7 +248,7 @@ impl<'a> Table<'a> {
     }
 
     fn finish(self, parts: &mut Vec<Part>, numbers: &mut Vec<Value>) {
-        let head = cells([
+        let mut head = cells([
             "light paths",
             "variant",
             "frames/s",
@@ -199,6 +264,9 @@ impl<'a> Table<'a> {
             "relRMSE added",
             "bias",
         ]);
+        if !self.mirrors.is_empty() {
+            head.push("mirrors' relRMSE".to_owned());
+        }
         parts.push(Part::Table {
             head,
             rows: self.rows,

@@ -65,7 +65,7 @@ pub(super) fn measure(lab: &Lab) -> Measured {
     table.add(&scene, 180, &BIASES, "")?;
     table.add(&scene, 180, &SHORTCUTS, "")?;
     if !scene.is_builtin {
-        table.add(&scene, 180, &WAYS[..3], MIRRORS)?;
+        table.add(&scene, 180, &WAYS[..3], &MIRRORS.join(","))?;
     }
     let head = cells([
         "scene",
