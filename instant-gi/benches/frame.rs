@@ -139,6 +139,9 @@ fn shadow_maps(text: &str) -> ShadowMaps {
     maps
 }
 
+/// Light paths, and the light of the plain method with them.
+type Truth = ((u32, Sequence), [Vec<Vec3>; 2]);
+
 /// A scene and who answers its rays.
 struct Bench<'a> {
     arguments: &'a Arguments,
@@ -147,7 +150,7 @@ struct Bench<'a> {
     triangles: BvhTracer,
     boxes: BvhTracer,
     /// Indirect light of the plain method and what mirrors show, with its light paths.
-    truth: Option<((u32, Sequence), [Vec<Vec3>; 2])>,
+    truth: Option<Truth>,
 }
 
 impl<'a> Bench<'a> {
