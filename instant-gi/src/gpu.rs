@@ -37,7 +37,7 @@ use self::{
     passes::{Bound, Passes, Shared, Targets},
 };
 use crate::{
-    Error, GiParams, Lookup, Pattern, Result, Sequence, Stages,
+    GiParams, Lookup, Pattern, Result, Sequence, Stages,
     cpu::{check_size, filter::Upsample, indirect::COMPENSATION},
 };
 
@@ -203,7 +203,7 @@ impl InstantGi {
         params.check()?;
         check_size(size)?;
         if params.caching > 0.0 {
-            return Err(Error::Parameter {
+            return Err(crate::Error::Parameter {
                 name: "the distance of cached light",
                 value: params.caching.to_string(),
                 expected: "it must be 0 on GPUs",
