@@ -14,7 +14,7 @@ mod points;
 mod raster;
 pub mod trace;
 mod triangles;
-mod view;
+pub(crate) mod view;
 
 pub use self::{
     points::{Point, Points},

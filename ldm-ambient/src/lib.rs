@@ -47,6 +47,8 @@
 pub mod cpu;
 mod directions;
 mod error;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod params;
 
 pub use self::{

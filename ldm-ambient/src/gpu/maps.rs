@@ -1,0 +1,524 @@
+//! Stages 2 to 4, the maps of several directions at a time, built by the device's rasteriser.
+//!
+//! - Linearised: layers are drawn and counted by pixel, the counts summed up (`scan.wesl`), the same layers drawn again and
+//!   each put where its pixel's next one goes, and those of each pixel sorted (`sort.wesl`).
+//! - Linked lists: layers are drawn once, and each is put at its place in its pixel's list (§3).
+//! - Where the first and the last layer are enough, nothing else is kept.
+//!
+//! Only the order of the depths of a pixel is kept, so that nothing depends on the order in which a device draws.
+//!
+//! Memory cannot be allocated by the device. There is room for some layers, and how many were needed is noted; where there
+//! were more, the picture is not right, and is made again with more room.
+
+use bytemuck::{Pod, Zeroable};
+use isophote_scene::gpu::{ComputePass, Context, Dispatch, GpuScene, Shader, Timer, UniformArray};
+use wgpu::{BindGroup, BindingResource, Buffer, ShaderStages};
+
+use super::{grid, linker, triangles::Triangles};
+use crate::{Result, cpu::view::View};
+
+/// How all layers of a pixel are found on a GPU.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum BuildMethod {
+    /// The paper's: linked lists that are sorted while they are built.
+    LinkedLists,
+    /// Counted, summed up, written and sorted.
+    #[default]
+    Linearised,
+}
+
+/// What is kept of a pixel's layers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kept {
+    /// The first and the last.
+    Extents,
+    /// All.
+    Layers(BuildMethod),
+}
+
+/// Maps that are there at the same time, `MAPS` of batch.wesl.
+const BATCH: usize = 16;
+/// And at most so many pixels, unless it is one map.
+const MOST_PIXELS: u32 = 1 << 20;
+/// Layers of a pixel on the average, for which there is room at first.
+const LAYERS: u64 = 8;
+/// Values that one workgroup sums up, `BLOCK` of scan.wesl.
+const BLOCK: u64 = 2048;
+/// Nothing is drawn into it.
+const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
+
+/// `MapView` of batch.wesl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct MapView {
+    right: [f32; 3],
+    pixel: f32,
+    up: [f32; 3],
+    columns: u32,
+    forward: [f32; 3],
+    rows: u32,
+    low: [f32; 2],
+    padding: [u32; 2],
+}
+
+impl MapView {
+    fn new(view: &View) -> Self {
+        Self {
+            right: view.right.to_array(),
+            pixel: view.pixel,
+            up: view.up.to_array(),
+            columns: view.columns as u32,
+            forward: view.forward.to_array(),
+            rows: view.rows as u32,
+            low: view.low.to_array(),
+            padding: [0; 2],
+        }
+    }
+}
+
+/// `Batch` of batch.wesl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub(super) struct Batch {
+    views: [MapView; BATCH],
+    count: u32,
+    stride: u32,
+    capacity: u32,
+    points: u32,
+    tolerance: f32,
+    d_max: f32,
+    padding: [u32; 2],
+}
+
+/// What maps are asked, beside where they are.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Asked {
+    pub(super) points: u32,
+    pub(super) tolerance: f32,
+    pub(super) d_max: f32,
+}
+
+/// Builds maps; it keeps its pipelines and its memory.
+#[derive(Debug)]
+pub(super) struct Builder {
+    pub(super) kept: Kept,
+    /// Pixels from one map to the next.
+    stride: u32,
+    /// Maps of a batch.
+    most: usize,
+    capacity: u32,
+    pipelines: Pipelines,
+    memory: Memory,
+}
+
+#[derive(Debug)]
+struct Memory {
+    /// Of each pixel how many layers it has, then where its next one goes; its first node; or its ends.
+    pixels: Buffer,
+    /// Where the layers of each pixel begin, and their end.
+    firsts: Buffer,
+    /// Sums of blocks of those.
+    totals: Buffer,
+    layers: Buffer,
+}
+
+#[derive(Debug)]
+struct Pipelines {
+    layout: wgpu::BindGroupLayout,
+    /// One for each time that layers are drawn: for those that stop light everywhere, and for those that do not.
+    draws: Vec<[wgpu::RenderPipeline; 2]>,
+    /// `sum_blocks`, `sum_totals`, `add_totals`.
+    scan: [ComputePass; 3],
+    sort: ComputePass,
+}
+
+/// The maps of some directions, ready to be built batch by batch.
+pub(super) struct Series<'a> {
+    builder: &'a Builder,
+    views: Vec<&'a [View]>,
+    pub(super) batches: UniformArray<Batch>,
+    /// Of each chunk of triangles.
+    draws: Vec<BindGroup>,
+    scan: BindGroup,
+    sort: BindGroup,
+    /// As large as the largest map.
+    picture: wgpu::TextureView,
+}
+
+impl Builder {
+    pub(super) fn new(
+        context: &Context,
+        gpu_scene: &GpuScene,
+        kept: Kept,
+        resolution: u32,
+    ) -> Result<Self> {
+        let stride = resolution * resolution;
+        let most = (MOST_PIXELS / stride).clamp(1, BATCH as u32) as usize;
+        let pixels = u64::from(stride) * most as u64;
+        let limits = context.device().limits();
+        let limit = limits
+            .max_storage_buffer_binding_size
+            .min(limits.max_buffer_size);
+        let fits = (limit / layer_bytes(kept)).saturating_sub(1);
+        let capacity = (LAYERS * pixels).min(fits).min(u64::from(u32::MAX / 2)) as u32;
+        Ok(Self {
+            kept,
+            stride,
+            most,
+            capacity,
+            pipelines: Pipelines::new(context, gpu_scene, kept)?,
+            memory: Memory::new(context, kept, pixels, capacity)?,
+        })
+    }
+
+    /// Makes room for so many layers; whether there was not.
+    pub(super) fn make_room(&mut self, context: &Context, needed: u32) -> Result<bool> {
+        if needed <= self.capacity {
+            return Ok(false);
+        }
+        let pixels = u64::from(self.stride) * self.most as u64;
+        // A little more, so that what moves a little still has room.
+        let capacity = needed.saturating_add(needed / 4).min(u32::MAX / 2);
+        self.memory = Memory::new(context, self.kept, pixels, capacity)?;
+        self.capacity = capacity;
+        Ok(true)
+    }
+
+    /// Bytes on the device.
+    pub(super) fn bytes(&self) -> u64 {
+        let Memory {
+            pixels,
+            firsts,
+            totals,
+            layers,
+        } = &self.memory;
+        [pixels, firsts, totals, layers].map(Buffer::size).iter().sum()
+    }
+
+    /// What maps are read from: bindings 1 and 2 of layers.wesl.
+    pub(super) fn tables(&self) -> [(u32, BindingResource<'_>); 2] {
+        let pixels = match self.kept {
+            Kept::Layers(BuildMethod::Linearised) => &self.memory.firsts,
+            _ => &self.memory.pixels,
+        };
+        [
+            (1, pixels.as_entire_binding()),
+            (2, self.memory.layers.as_entire_binding()),
+        ]
+    }
+
+    /// Maps along some directions, of some triangles.
+    pub(super) fn series<'a>(
+        &'a self,
+        context: &Context,
+        triangles: &Triangles,
+        views: &'a [View],
+        asked: Asked,
+    ) -> Result<Series<'a>> {
+        let views: Vec<&[View]> = views.chunks(self.most).collect();
+        let values: Vec<Batch> = views.iter().map(|views| self.batch(views, asked)).collect();
+        let batches = UniformArray::new(context, "maps", &values)?;
+        let memory = &self.memory;
+        let buffer = |binding, buffer: &'a Buffer| (binding, buffer.as_entire_binding());
+        let draws = triangles.chunks.iter().map(|chunk| {
+            context.check("drawing maps", |device| {
+                device.create_bind_group(&wgpu::BindGroupDescriptor {
+                    label: Some("drawing maps"),
+                    layout: &self.pipelines.layout,
+                    entries: &[
+                        (0, batches.binding()),
+                        (1, chunk.corners.as_entire_binding()),
+                        buffer(2, &memory.pixels),
+                        buffer(3, &memory.layers),
+                    ]
+                    .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }),
+                })
+            })
+        });
+        let draws = draws.collect::<isophote_scene::Result<_>>()?;
+        let scan = [buffer(1, &memory.firsts), buffer(2, &memory.totals)];
+        let sort = [
+            (0, batches.binding()),
+            buffer(1, &memory.firsts),
+            buffer(2, &memory.layers),
+        ];
+        Ok(Series {
+            builder: self,
+            draws,
+            scan: self.pipelines.scan[0].bind(context, &scan)?,
+            sort: self.pipelines.sort.bind(context, &sort)?,
+            picture: picture(context, &views)?,
+            views,
+            batches,
+        })
+    }
+
+    fn batch(&self, views: &[View], asked: Asked) -> Batch {
+        let mut batch = Batch {
+            views: [MapView::zeroed(); BATCH],
+            count: views.len() as u32,
+            stride: self.stride,
+            capacity: self.capacity,
+            points: asked.points,
+            tolerance: asked.tolerance,
+            // An infinite one is a large number.
+            d_max: asked.d_max.min(1e37),
+            padding: [0; 2],
+        };
+        for (place, view) in batch.views.iter_mut().zip(views) {
+            *place = MapView::new(view);
+        }
+        batch
+    }
+}
+
+/// What a layer takes.
+fn layer_bytes(kept: Kept) -> u64 {
+    match kept {
+        Kept::Layers(BuildMethod::LinkedLists) => 8,
+        _ => 4,
+    }
+}
+
+impl Memory {
+    fn new(context: &Context, kept: Kept, pixels: u64, capacity: u32) -> Result<Self> {
+        let capacity = u64::from(capacity);
+        let [words, firsts, layers] = match kept {
+            Kept::Extents => [2 * pixels, 0, 0],
+            // Node 0 is none.
+            Kept::Layers(BuildMethod::LinkedLists) => [pixels, 0, 2 * (capacity + 1)],
+            Kept::Layers(BuildMethod::Linearised) => [pixels + 1, pixels + 1, capacity],
+        };
+        Ok(Self {
+            pixels: context.storage("the pixels of the maps", 4 * words)?,
+            firsts: context.storage("the first layers of pixels", 4 * firsts)?,
+            totals: context.storage("sums of blocks", 4 * firsts.div_ceil(BLOCK))?,
+            layers: context.storage("the layers of the maps", 4 * layers)?,
+        })
+    }
+}
+
+impl Series<'_> {
+    pub(super) fn len(&self) -> usize {
+        self.views.len()
+    }
+
+    /// Records the building of the maps of a batch.
+    pub(super) fn record(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        batch: usize,
+        triangles: &Triangles,
+        gpu_scene: &GpuScene,
+        mut timer: Option<&mut Timer>,
+    ) {
+        let Builder {
+            kept,
+            pipelines,
+            memory,
+            ..
+        } = self.builder;
+        encoder.clear_buffer(&memory.pixels, 0, None);
+        if *kept == Kept::Layers(BuildMethod::LinkedLists) {
+            encoder.clear_buffer(&memory.layers, 0, None);
+        }
+        for (time, draw) in pipelines.draws.iter().enumerate() {
+            if time == 1 {
+                self.sum_up(encoder, timer.as_deref_mut());
+            }
+            self.draw(encoder, batch, draw, triangles, gpu_scene, timer.as_deref_mut());
+        }
+        if *kept == Kept::Layers(BuildMethod::Linearised) {
+            let pixels = u64::from(self.builder.stride) * self.views[batch].len() as u64;
+            let dispatch = Dispatch {
+                offset: Some(UniformArray::<Batch>::offset(batch as u32)),
+                workgroups: grid(pixels.div_ceil(64)),
+            };
+            pipelines
+                .sort
+                .record(encoder, "sort", timer, &[&self.sort], &[dispatch]);
+        }
+    }
+
+    /// Makes of how many layers pixels have where they begin.
+    fn sum_up(&self, encoder: &mut wgpu::CommandEncoder, mut timer: Option<&mut Timer>) {
+        let Memory { pixels, firsts, .. } = &self.builder.memory;
+        encoder.copy_buffer_to_buffer(pixels, 0, firsts, 0, firsts.size());
+        let blocks = grid((firsts.size() / 4).div_ceil(BLOCK));
+        let groups = [blocks, [1, 1, 1], blocks];
+        for (pass, workgroups) in self.builder.pipelines.scan.iter().zip(groups) {
+            let dispatch = Dispatch {
+                offset: None,
+                workgroups,
+            };
+            pass.record(
+                encoder,
+                "prefix sum",
+                timer.as_deref_mut(),
+                &[&self.scan],
+                &[dispatch],
+            );
+        }
+        encoder.copy_buffer_to_buffer(firsts, 0, pixels, 0, firsts.size());
+    }
+
+    fn draw(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        batch: usize,
+        pipelines: &[wgpu::RenderPipeline; 2],
+        triangles: &Triangles,
+        gpu_scene: &GpuScene,
+        timer: Option<&mut Timer>,
+    ) {
+        let attachment = wgpu::RenderPassColorAttachment {
+            view: &self.picture,
+            depth_slice: None,
+            resolve_target: None,
+            ops: wgpu::Operations {
+                load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                store: wgpu::StoreOp::Discard,
+            },
+        };
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("drawing maps"),
+            color_attachments: &[Some(attachment)],
+            timestamp_writes: timer.and_then(|timer| timer.render("draw")),
+            ..Default::default()
+        });
+        let offset = UniformArray::<Batch>::offset(batch as u32);
+        pass.set_bind_group(2, gpu_scene.bind_group(), &[]);
+        for (chunk, group) in triangles.chunks.iter().zip(&self.draws) {
+            pass.set_pipeline(&pipelines[usize::from(chunk.masked)]);
+            pass.set_bind_group(0, group, &[offset]);
+            for (map, view) in (0..).zip(self.views[batch]) {
+                let (columns, rows) = (view.columns as u32, view.rows as u32);
+                pass.set_viewport(0.0, 0.0, columns as f32, rows as f32, 0.0, 1.0);
+                pass.set_scissor_rect(0, 0, columns, rows);
+                pass.draw(0..3 * chunk.count, map..map + 1);
+            }
+        }
+    }
+}
+
+/// What gives the maps their sizes.
+fn picture(context: &Context, views: &[&[View]]) -> Result<wgpu::TextureView> {
+    let views = || views.iter().copied().flatten();
+    let size = wgpu::Extent3d {
+        width: views().map(|view| view.columns).max().unwrap_or(1) as u32,
+        height: views().map(|view| view.rows).max().unwrap_or(1) as u32,
+        depth_or_array_layers: 1,
+    };
+    let texture = context.check("drawing maps", |device| {
+        device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("drawing maps"),
+            size,
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: FORMAT,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+            view_formats: &[],
+        })
+    })?;
+    Ok(texture.create_view(&wgpu::TextureViewDescriptor::default()))
+}
+
+impl Pipelines {
+    fn new(context: &Context, gpu_scene: &GpuScene, kept: Kept) -> Result<Self> {
+        let layout = context.check("drawing maps", |device| {
+            let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
+            let entry = |(binding, visibility, ty)| wgpu::BindGroupLayoutEntry {
+                binding,
+                visibility,
+                ty: wgpu::BindingType::Buffer {
+                    ty,
+                    has_dynamic_offset: binding == 0,
+                    min_binding_size: None,
+                },
+                count: None,
+            };
+            let uniform = wgpu::BufferBindingType::Uniform;
+            device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+                label: Some("drawing maps"),
+                entries: &[
+                    (0, ShaderStages::VERTEX_FRAGMENT, uniform),
+                    (1, ShaderStages::VERTEX, storage(true)),
+                    (2, ShaderStages::FRAGMENT, storage(false)),
+                    (3, ShaderStages::FRAGMENT, storage(false)),
+                ]
+                .map(entry),
+            })
+        })?;
+        let flags: &[&str] = match kept {
+            Kept::Extents => &["extents"],
+            Kept::Layers(BuildMethod::LinkedLists) => &["lists"],
+            Kept::Layers(BuildMethod::Linearised) => &["count", "fill"],
+        };
+        let pair = |flag: &&str| -> Result<[wgpu::RenderPipeline; 2]> {
+            let pipeline = |masked| pipeline(context, gpu_scene, &layout, flag, masked);
+            Ok([pipeline(false)?, pipeline(true)?])
+        };
+        let draws = flags.iter().map(pair).collect::<Result<_>>()?;
+        let scan = linker().link("ldm_ambient::scan")?;
+        let pass = |entry_point| scan.compute_pass(context, entry_point, &[], &[]);
+        let scan = [pass("sum_blocks")?, pass("sum_totals")?, pass("add_totals")?];
+        let sort = linker().link("ldm_ambient::sort")?;
+        Ok(Self {
+            draws,
+            scan,
+            sort: sort.compute_pass(context, "sort", &[], &[0])?,
+            layout,
+        })
+    }
+}
+
+fn pipeline(
+    context: &Context,
+    gpu_scene: &GpuScene,
+    layout: &wgpu::BindGroupLayout,
+    flag: &str,
+    masked: bool,
+) -> Result<wgpu::RenderPipeline> {
+    let shader: Shader = linker()
+        .scene(gpu_scene)
+        .feature(flag, true)
+        .feature("masked", masked)
+        .link("ldm_ambient::draw")?;
+    let module = shader.module(context)?;
+    let target = wgpu::ColorTargetState {
+        format: FORMAT,
+        blend: None,
+        write_mask: wgpu::ColorWrites::empty(),
+    };
+    let pipeline = context.check("drawing maps", |device| {
+        let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("drawing maps"),
+            bind_group_layouts: &[Some(layout), None, Some(gpu_scene.bind_group_layout())],
+            immediate_size: 0,
+        });
+        device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some("drawing maps"),
+            layout: Some(&layout),
+            vertex: wgpu::VertexState {
+                module: &module,
+                entry_point: Some("corner"),
+                compilation_options: wgpu::PipelineCompilationOptions::default(),
+                buffers: &[],
+            },
+            // Front and back faces alike.
+            primitive: wgpu::PrimitiveState::default(),
+            depth_stencil: None,
+            multisample: wgpu::MultisampleState::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &module,
+                entry_point: Some("layer"),
+                compilation_options: wgpu::PipelineCompilationOptions::default(),
+                targets: &[Some(target)],
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
+    })?;
+    Ok(pipeline)
+}

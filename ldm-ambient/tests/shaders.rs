@@ -1,0 +1,154 @@
+//! Every shader links, is valid, and becomes a pipeline on a device that needs no GPU and has WebGPU's default limits.
+#![cfg(feature = "gpu")]
+#![expect(clippy::unwrap_used, reason = "tests may")]
+
+use std::sync::Arc;
+
+use glam::Vec2;
+use isophote_ldm_ambient::{
+    Error, MapParams, OcclusionParams,
+    gpu::{BuildMethod, GBufferPoints, Look, Occlusion, Points, Targets},
+};
+use isophote_scene::{
+    Alpha, Error as SceneError, Leaves, Selection, builtin,
+    gpu::{
+        BuildGpuTracer, ComputeBvhTracer, Context, GBuffer, GpuScene, GpuTracer, Rasters,
+        RayQueryTracer, reference::World,
+    },
+    reference::Normals,
+};
+
+const SIZE: [u32; 2] = [33, 20];
+
+fn params(d_max: f32) -> OcclusionParams {
+    OcclusionParams {
+        maps: MapParams {
+            maps: 24,
+            resolution: 40,
+            ..MapParams::default()
+        },
+        d_max,
+        ..OcclusionParams::default()
+    }
+}
+
+#[test]
+fn stages_build() {
+    let mut scene = builtin::build("builtin:cornell").unwrap();
+    scene.materials[0].alpha = Alpha::Mask { cutoff: 0.5 };
+    let scene = Arc::new(scene);
+    let selection = Selection::default();
+    // The last one holds the triangles in several buffers, and the scene in textures.
+    let small = wgpu::Limits {
+        max_storage_buffer_binding_size: 1 << 16,
+        ..wgpu::Limits::default()
+    };
+    for context in [Context::noop(), Context::noop_within(small)] {
+        let gpu_scene = GpuScene::new(&context, &scene).unwrap();
+        let tracers: [Box<dyn GpuTracer>; 2] = [
+            Box::new(ComputeBvhTracer::build(&context, &scene, &selection, &()).unwrap()),
+            Box::new(RayQueryTracer::build(&context, &scene, &selection, &()).unwrap()),
+        ];
+        for method in [BuildMethod::LinkedLists, BuildMethod::Linearised] {
+            for d_max in [1.0, f32::INFINITY] {
+                let world = (&*scene, &gpu_scene);
+                let mut occlusion =
+                    Occlusion::new(&context, world, &selection, &params(d_max), method, SIZE)
+                        .unwrap();
+                let camera = &scene.cameras[0];
+                let mut points = Points::new(&context, SIZE).unwrap();
+                let targets = Targets::new(&context, SIZE).unwrap();
+                for samples in [1, 4] {
+                    let gbuffer = GBuffer::new(&context, SIZE, samples).unwrap();
+                    let rasters = Rasters::new(&context, Some(&gbuffer), None).unwrap();
+                    let taker =
+                        GBufferPoints::new(&context, &gpu_scene, samples, &rasters).unwrap();
+                    let mut encoder = context.device().create_command_encoder(&Default::default());
+                    occlusion.begin(&mut encoder, &gpu_scene);
+                    let look = Look {
+                        camera,
+                        place: Vec2::splat(0.5),
+                        sample: 0,
+                        normals: Normals::Smooth,
+                    };
+                    let from = (&gpu_scene, &rasters);
+                    taker
+                        .record(
+                            &context,
+                            &mut encoder,
+                            &occlusion,
+                            from,
+                            &look,
+                            &mut points,
+                        )
+                        .unwrap();
+                    occlusion
+                        .add(
+                            &context,
+                            &mut encoder,
+                            &gpu_scene,
+                            &points,
+                            [0, samples],
+                            None,
+                        )
+                        .unwrap();
+                    occlusion.resolve(&context, &mut encoder, &targets).unwrap();
+                    context.submit("occlusion", encoder).unwrap();
+                    // This device computes nothing, which is found out.
+                    let error = targets.read(&context).unwrap_err().to_string();
+                    assert!(error.contains("did not finish"), "{error}");
+                }
+                for tracer in &tracers {
+                    let world = World {
+                        scene: &scene,
+                        gpu_scene: &gpu_scene,
+                        exact: &**tracer,
+                        secondary: &**tracer,
+                    };
+                    let made =
+                        occlusion.render(&context, world, camera, 2, Normals::Flat, &|_, _| {});
+                    assert!(made.is_err());
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let scene = Arc::new(builtin::build("builtin:cornell").unwrap());
+    let context = Context::noop();
+    let gpu_scene = GpuScene::new(&context, &scene).unwrap();
+    let world = (&*scene, &gpu_scene);
+    let selection = Selection::default();
+    let make = |params: &OcclusionParams, size| {
+        let method = BuildMethod::default();
+        Occlusion::new(&context, world, &selection, params, method, size)
+    };
+    assert!(matches!(
+        make(&params(-1.0), SIZE).map(drop),
+        Err(Error::Parameter { name: "d_max", .. })
+    ));
+    assert!(matches!(
+        make(&params(1.0), [8192, 8192]).map(drop),
+        Err(Error::Scene(SceneError::GpuLimit { .. }))
+    ));
+    let mut occlusion = make(&params(1.0), SIZE).unwrap();
+    let points = Points::new(&context, [8, 8]).unwrap();
+    let mut encoder = context.device().create_command_encoder(&Default::default());
+    let added = occlusion.add(&context, &mut encoder, &gpu_scene, &points, [0, 1], None);
+    assert!(matches!(added, Err(Error::Parameter { .. })));
+    let boxes = ComputeBvhTracer::build_with(&context, &scene, &selection, Leaves::Boxes).unwrap();
+    let world = World {
+        scene: &scene,
+        gpu_scene: &gpu_scene,
+        exact: &boxes,
+        secondary: &boxes,
+    };
+    let camera = &scene.cameras[0];
+    let made = occlusion.render(&context, world, camera, 1, Normals::Smooth, &|_, _| {});
+    assert!(matches!(
+        made.map(drop),
+        Err(Error::Scene(SceneError::TracerKnowsLess { .. }))
+    ));
+}
