@@ -57,9 +57,13 @@ pub(crate) fn check(
     quantities: &[Quantity],
 ) -> Result<()> {
     choice.check(technique, quantities)?;
-    if matches!(tracer, Choice::Gpu(_)) && !technique.runs_on_gpu() {
+    let on_cpu = |quantity: &&Quantity| !technique.runs_on_gpu(**quantity);
+    if matches!(tracer, Choice::Gpu(_))
+        && let Some(quantity) = quantities.iter().find(on_cpu)
+    {
         bail!(
-            "the technique {} runs on the CPU so far: leave out --device gpu and --adapter, and choose a tracer there",
+            "{quantity} by the technique {} runs on the CPU so far: leave out --device gpu and --adapter, and choose a \
+             tracer there",
             choice.name()
         );
     }

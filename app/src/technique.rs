@@ -58,8 +58,9 @@ pub(crate) trait Technique {
         None
     }
 
-    /// Whether it runs on GPUs.
-    fn runs_on_gpu(&self) -> bool {
+    /// Whether it computes a quantity on GPUs.
+    fn runs_on_gpu(&self, quantity: Quantity) -> bool {
+        let _ = quantity;
         true
     }
 

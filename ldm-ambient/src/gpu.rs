@@ -33,13 +33,13 @@ use isophote_scene::{
 };
 use wgpu::{BufferUsages, TextureFormat, TextureUsages};
 
-use self::{
-    maps::{Asked, Batch, Builder, Kept},
-    triangles::Triangles,
-};
 pub use self::{
     maps::BuildMethod,
     points::{CameraPoints, GBufferPoints, Look, Points},
+};
+use self::{
+    maps::{Asked, Batch, Builder, Kept},
+    triangles::Triangles,
 };
 use crate::{
     Directions, OcclusionParams, Result,
@@ -361,7 +361,9 @@ impl Occlusion {
     pub fn has_room(&mut self, context: &Context) -> Result<bool> {
         let status: Vec<u32> = context.read("status", &self.status, 2)?;
         if status[1] != 0 {
-            return Err(broken("a pixel has more layers than lists are walked along"));
+            return Err(broken(
+                "a pixel has more layers than lists are walked along",
+            ));
         }
         Ok(!self.builder.make_room(context, status[0])?)
     }

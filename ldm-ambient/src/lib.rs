@@ -10,7 +10,8 @@
 //! 6. [`cpu::occlusion`]: ambient occlusion, obscurance and bent normals (§3.3, §4.1).
 //! 7. [`cpu::photons`]: photon differentials leave the lights, are split along the maps and splatted (§3.4, §4.2).
 //!
-//! [`cpu::hbao`] is the screen-space method that the paper compares with.
+//! [`cpu::hbao`] is the screen-space method that the paper compares with. The module `gpu` (feature `gpu`) is stages 1 to 6 as
+//! wgpu passes, with the device's rasteriser.
 //!
 //! # From the paper to the code
 //!

@@ -38,9 +38,9 @@ fn stages_build() {
     scene.materials[0].alpha = Alpha::Mask { cutoff: 0.5 };
     let scene = Arc::new(scene);
     let selection = Selection::default();
-    // The last one holds the triangles in several buffers, and the scene in textures.
+    // The last one has room for few maps at a time.
     let small = wgpu::Limits {
-        max_storage_buffer_binding_size: 1 << 16,
+        max_storage_buffer_binding_size: 1 << 15,
         ..wgpu::Limits::default()
     };
     for context in [Context::noop(), Context::noop_within(small)] {
@@ -73,14 +73,7 @@ fn stages_build() {
                     };
                     let from = (&gpu_scene, &rasters);
                     taker
-                        .record(
-                            &context,
-                            &mut encoder,
-                            &occlusion,
-                            from,
-                            &look,
-                            &mut points,
-                        )
+                        .record(&context, &mut encoder, &occlusion, from, &look, &mut points)
                         .unwrap();
                     occlusion
                         .add(

@@ -1,6 +1,9 @@
 //! The technique `ldm`: occlusion and one bounce of light by layered depth maps along fixed directions, by
 //! `isophote-ldm-ambient`.
 
+#[cfg(feature = "gpu")]
+mod on_gpu;
+
 use std::{collections::BTreeMap, f32::consts::PI};
 
 use anyhow::{Context, Result, ensure};
@@ -113,8 +116,8 @@ impl Technique for LdmTechnique {
         idle
     }
 
-    fn runs_on_gpu(&self) -> bool {
-        false
+    fn runs_on_gpu(&self, quantity: Quantity) -> bool {
+        quantity.is_occlusion()
     }
 
     fn has_own_tracer(&self) -> bool {
@@ -132,6 +135,10 @@ impl Technique for LdmTechnique {
         order: Order<'_>,
         progress: &dyn Progress,
     ) -> Result<Made> {
+        #[cfg(feature = "gpu")]
+        if let Some((gpu, exact)) = ground.on_gpu() {
+            return on_gpu::render(self, scene, gpu, exact, &order, progress);
+        }
         let Tracers { exact, .. } = ground.on_cpu().context("it runs on the CPU")?;
         let triangles = Triangles::new(scene, &scene.transforms(), order.selection)?;
         let mut found = Found::default();

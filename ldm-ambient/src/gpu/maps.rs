@@ -40,6 +40,8 @@ pub(super) enum Kept {
 const BATCH: usize = 16;
 /// And at most so many pixels, unless it is one map.
 const MOST_PIXELS: u32 = 1 << 20;
+/// What a pixel takes at most in a buffer.
+const PIXEL_BYTES: u64 = 8;
 /// Layers of a pixel on the average, for which there is room at first.
 const LAYERS: u64 = 8;
 /// Values that one workgroup sums up, `BLOCK` of scan.wesl.
@@ -139,7 +141,8 @@ pub(super) struct Series<'a> {
     pub(super) batches: UniformArray<Batch>,
     /// Of each chunk of triangles.
     draws: Vec<BindGroup>,
-    scan: BindGroup,
+    /// Of each pass of the prefix sum.
+    scan: Vec<BindGroup>,
     sort: BindGroup,
     /// As large as the largest map.
     picture: wgpu::TextureView,
@@ -153,12 +156,14 @@ impl Builder {
         resolution: u32,
     ) -> Result<Self> {
         let stride = resolution * resolution;
-        let most = (MOST_PIXELS / stride).clamp(1, BATCH as u32) as usize;
-        let pixels = u64::from(stride) * most as u64;
         let limits = context.device().limits();
         let limit = limits
             .max_storage_buffer_binding_size
             .min(limits.max_buffer_size);
+        let bound = limit / (PIXEL_BYTES * u64::from(stride));
+        let most = u64::from(MOST_PIXELS / stride).min(bound);
+        let most = most.clamp(1, BATCH as u64) as usize;
+        let pixels = u64::from(stride) * most as u64;
         let fits = (limit / layer_bytes(kept)).saturating_sub(1);
         let capacity = (LAYERS * pixels).min(fits).min(u64::from(u32::MAX / 2)) as u32;
         Ok(Self {
@@ -192,7 +197,10 @@ impl Builder {
             totals,
             layers,
         } = &self.memory;
-        [pixels, firsts, totals, layers].map(Buffer::size).iter().sum()
+        [pixels, firsts, totals, layers]
+            .map(Buffer::size)
+            .iter()
+            .sum()
     }
 
     /// What maps are read from: bindings 1 and 2 of layers.wesl.
@@ -236,7 +244,9 @@ impl Builder {
             })
         });
         let draws = draws.collect::<isophote_scene::Result<_>>()?;
-        let scan = [buffer(1, &memory.firsts), buffer(2, &memory.totals)];
+        let sums = [buffer(1, &memory.firsts), buffer(2, &memory.totals)];
+        let scan = self.pipelines.scan.iter();
+        let scan = scan.map(|pass| pass.bind(context, &sums));
         let sort = [
             (0, batches.binding()),
             buffer(1, &memory.firsts),
@@ -245,7 +255,7 @@ impl Builder {
         Ok(Series {
             builder: self,
             draws,
-            scan: self.pipelines.scan[0].bind(context, &scan)?,
+            scan: scan.collect::<isophote_scene::Result<_>>()?,
             sort: self.pipelines.sort.bind(context, &sort)?,
             picture: picture(context, &views)?,
             views,
@@ -326,7 +336,14 @@ impl Series<'_> {
             if time == 1 {
                 self.sum_up(encoder, timer.as_deref_mut());
             }
-            self.draw(encoder, batch, draw, triangles, gpu_scene, timer.as_deref_mut());
+            self.draw(
+                encoder,
+                batch,
+                draw,
+                triangles,
+                gpu_scene,
+                timer.as_deref_mut(),
+            );
         }
         if *kept == Kept::Layers(BuildMethod::Linearised) {
             let pixels = u64::from(self.builder.stride) * self.views[batch].len() as u64;
@@ -346,18 +363,14 @@ impl Series<'_> {
         encoder.copy_buffer_to_buffer(pixels, 0, firsts, 0, firsts.size());
         let blocks = grid((firsts.size() / 4).div_ceil(BLOCK));
         let groups = [blocks, [1, 1, 1], blocks];
-        for (pass, workgroups) in self.builder.pipelines.scan.iter().zip(groups) {
+        let passes = self.builder.pipelines.scan.iter().zip(&self.scan);
+        for ((pass, group), workgroups) in passes.zip(groups) {
             let dispatch = Dispatch {
                 offset: None,
                 workgroups,
             };
-            pass.record(
-                encoder,
-                "prefix sum",
-                timer.as_deref_mut(),
-                &[&self.scan],
-                &[dispatch],
-            );
+            let timer = timer.as_deref_mut();
+            pass.record(encoder, "prefix sum", timer, &[group], &[dispatch]);
         }
         encoder.copy_buffer_to_buffer(firsts, 0, pixels, 0, firsts.size());
     }
@@ -462,7 +475,11 @@ impl Pipelines {
         let draws = flags.iter().map(pair).collect::<Result<_>>()?;
         let scan = linker().link("ldm_ambient::scan")?;
         let pass = |entry_point| scan.compute_pass(context, entry_point, &[], &[]);
-        let scan = [pass("sum_blocks")?, pass("sum_totals")?, pass("add_totals")?];
+        let scan = [
+            pass("sum_blocks")?,
+            pass("sum_totals")?,
+            pass("add_totals")?,
+        ];
         let sort = linker().link("ldm_ambient::sort")?;
         Ok(Self {
             draws,

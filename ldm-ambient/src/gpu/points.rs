@@ -319,14 +319,15 @@ mod tests {
             min: Vec3::new(-3.0, -1.0, -9.0),
             max: Vec3::new(4.0, 2.0, 5.0),
         };
-        let transform = Affine3A::look_at_rh(Vec3::new(0.5, 0.2, 1.0), Vec3::NEG_Z, Vec3::Y);
+        let turn = glam::Quat::from_rotation_y(0.3);
+        let transform = Affine3A::from_rotation_translation(turn, Vec3::new(0.5, 0.2, 1.0));
         for projection in [
             Projection::Perspective { yfov: 0.7 },
             Projection::Orthographic { half_height: 0.6 },
         ] {
             let camera = Camera {
                 name: "camera".into(),
-                transform: transform.inverse(),
+                transform,
                 projection,
                 node: None,
             };
