@@ -1,6 +1,5 @@
 //! Every shader links, is valid, and becomes a pipeline on a device that needs no GPU and has WebGPU's default limits.
 #![cfg(feature = "gpu")]
-#![expect(clippy::unwrap_used, reason = "tests may")]
 
 use std::sync::Arc;
 
