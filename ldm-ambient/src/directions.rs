@@ -238,6 +238,17 @@ impl Directions {
         }
     }
 
+    /// Some of them, at most so many, as evenly spread as they can be: the nearest to the directions of so many maps.
+    pub fn subset(&self, count: u32) -> Vec<Vec3> {
+        let count = count.min(self.vectors.len() as u32);
+        let coarse = Self::new(count);
+        let nearest = coarse.vectors().iter().map(|vector| self.nearest(*vector));
+        let mut chosen: Vec<usize> = nearest.collect();
+        chosen.sort_unstable();
+        chosen.dedup();
+        chosen.iter().map(|&index| self.vectors[index]).collect()
+    }
+
     /// The greatest angle between any direction and the nearest line of these, radians, or a little more: that from the
     /// centre of a region to its corners.
     pub fn largest_angle(&self) -> f32 {

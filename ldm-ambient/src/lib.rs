@@ -8,7 +8,8 @@
 //! 4. `cpu/maps.rs`: layered depth maps (§3): count, prefix sum, fill, sort.
 //! 5. [`cpu::trace`]: rays through maps (§3.1), stored or streamed.
 //! 6. [`cpu::occlusion`]: ambient occlusion, obscurance and bent normals (§3.3, §4.1).
-//! 7. [`cpu::photons`]: photon differentials leave the lights, are split along the maps and splatted (§3.4, §4.2).
+//! 7. [`cpu::photons`]: photon differentials leave the lights (§3.4, §4.2); points look along the maps for what lights them, or
+//!    photons are split along the maps and splatted ([`Deposit`]).
 //!
 //! [`cpu::hbao`] is the screen-space method that the paper compares with. The module `gpu` (feature `gpu`) is stages 1 to 6 as
 //! wgpu passes, with the device's rasteriser.
@@ -22,7 +23,8 @@
 //! | Eq. (1) to (3), obscurance | [`cpu::occlusion::Occlusion`] |
 //! | §3.4, D x and D d, transfer (Igehy 1999), rotation by α | `cpu/photons/differential.rs` |
 //! | §4.2, photons leave the light's view; splitting | `cpu/photons/emission.rs`, [`cpu::photons::light`] |
-//! | Eq. (4) to (7), splatting | `cpu/photons/splat.rs` |
+//! | Eq. (4) to (7), footprints and splatting | `cpu/photons/footprint.rs`, `cpu/photons/splat.rs` |
+//! | §6, multiple bounces over subsets of the directions | [`PhotonParams::bounces`], [`Directions::subset`] |
 //! | §6, arbitrary light sources | `cpu/photons/emission.rs` |
 //! | §6, progressive rendering | [`OcclusionParams::frames`], [`Directions::turned`] |
 //! | Fig. 3, point clouds | [`LdmTracer::point_cloud`] |
@@ -41,7 +43,10 @@
 //! - Parts of a photon that run along a map keep the footprint they had ([`Spread::Parallel`]); the paper's turned differentials
 //!   are [`Spread::Turned`].
 //! - Split photons share what is reflected by cosθ / Σ cosθ, so that no energy is lost between directions.
-//! - Photons land in the planes of what the camera sees, which the map's distance only chooses; those whose middle is hidden
+//! - By default points gather ([`Deposit::Gathered`]): the sum over maps and photons is that of splatting, but the map decides
+//!   for each point which surface lights it, so nothing is smeared over edges and shadows of what receives.
+//! - A photon's light is divided by the part of its footprint that is on a surface (`cpu/photons/field.rs`).
+//! - Photons that are splatted land in the planes of what the camera sees, which the map's distance only chooses; those whose middle is hidden
 //!   or outside of the picture count where their footprint is not.
 //! - Splatting is tiled, without atomics; the filter's third row reaches a share of the footprint's radius out of its plane.
 
@@ -54,7 +59,7 @@ mod params;
 
 pub use self::{
     cpu::{
-        photons::{PhotonParams, Spread},
+        photons::{Deposit, PhotonParams, Photons, Spread},
         trace::{LdmTracer, StreamedMaps},
     },
     directions::{Directions, Partition, Region, Zone},

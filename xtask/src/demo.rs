@@ -181,6 +181,12 @@ const TECHNIQUES: [Technique; 4] = [
         // A room is not an object.
         scenes: &["builtin:corner"],
     },
+    Technique {
+        title: "Layered depth maps, 512 directions",
+        id: "ldm",
+        arguments: &["--technique", "ldm"],
+        quantities: &["ao", "indirect"],
+    },
 ];
 
 /// How large and how good the pictures are.

@@ -7,6 +7,7 @@ mod field;
 mod igi;
 mod lab;
 mod ldi;
+mod ldm;
 mod page;
 mod plot;
 mod report;
@@ -23,6 +24,7 @@ pub(crate) struct Arguments {
 #[derive(clap::Subcommand)]
 enum Paper {
     Ldi(ldi::Arguments),
+    Ldm(ldm::Arguments),
     Igi(igi::Arguments),
     Field(field::Arguments),
 }
@@ -31,6 +33,7 @@ enum Paper {
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
     match &arguments.paper {
         Paper::Ldi(arguments) => ldi::run(arguments),
+        Paper::Ldm(arguments) => ldm::run(arguments),
         Paper::Igi(arguments) => igi::run(arguments),
         Paper::Field(arguments) => field::run(arguments),
     }

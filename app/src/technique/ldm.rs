@@ -10,7 +10,7 @@ use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
 use isophote_ldm_ambient::{
-    MapParams, OcclusionParams, PhotonParams,
+    Deposit, MapParams, OcclusionParams, PhotonParams, Photons,
     cpu::{
         Points, Triangles,
         hbao::{HbaoParams, hbao},
@@ -57,6 +57,20 @@ pub(crate) struct LdmTechnique {
     /// By how much a photon's splat is wider than its footprint
     #[arg(long, value_name = "FACTOR", default_value_t = PhotonParams::default().splat_size, value_parser = crate::values::not_negative)]
     ldm_splat_size: f32,
+    /// Who finds whom: points the photons that light them, or photons the pixels that they light
+    #[arg(long, value_enum, value_name = "WAY", default_value = "gathered")]
+    ldm_deposit: DepositChoice,
+    /// Diffuse reflections between the lights and what is lit
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
+    ldm_bounces: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum DepositChoice {
+    /// Every point looks along the maps for what lights it
+    Gathered,
+    /// Every part of a photon is splatted where it lands, as in the paper
+    Splatted,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -66,6 +80,9 @@ enum OcclusionChoice {
     /// What the camera sees alone: horizon-based ambient occlusion, to compare with
     Hbao,
 }
+
+/// How far splats reach out of their planes: a receiving surface is rarely one plane.
+const SPLAT_FLATNESS: f32 = 3.0;
 
 /// Values of the quantities, layers of their own, and what it took.
 #[derive(Default)]
@@ -253,6 +270,28 @@ impl LdmTechnique {
         Ok(skies?)
     }
 
+    fn photons(&self, order: &Order<'_>) -> PhotonParams {
+        let fine = PhotonParams::default();
+        PhotonParams {
+            maps: self.maps(),
+            raster: self.ldm_photons,
+            splat_size: self.ldm_splat_size,
+            deposit: match self.ldm_deposit {
+                DepositChoice::Gathered => Deposit::Gathered,
+                DepositChoice::Splatted => Deposit::Splatted,
+            },
+            flatness: match self.ldm_deposit {
+                DepositChoice::Gathered => fine.flatness,
+                DepositChoice::Splatted => SPLAT_FLATNESS,
+            },
+            bounces: self.ldm_bounces,
+            materials: order.settings.materials,
+            normals: order.settings.normals,
+            seed: order.settings.seed,
+            ..fine
+        }
+    }
+
     fn find_light(
         &self,
         triangles: &Triangles<'_>,
@@ -261,31 +300,80 @@ impl LdmTechnique {
         progress: &dyn Progress,
         found: &mut Found,
     ) -> Result<()> {
-        let seen = self.see(triangles, exact, order, found);
-        let params = PhotonParams {
-            maps: self.maps(),
-            raster: self.ldm_photons,
-            splat_size: self.ldm_splat_size,
-            materials: order.settings.materials,
-            normals: order.settings.normals,
-            seed: order.settings.seed,
-            ..PhotonParams::default()
+        let [radiance, irradiance] = match self.ldm_deposit {
+            DepositChoice::Gathered => {
+                self.by_gathering(triangles, exact, order, progress, found)?
+            }
+            DepositChoice::Splatted => {
+                self.by_splatting(triangles, exact, order, progress, found)?
+            }
         };
-        let lit = light(triangles, exact, order.camera, &seen, &params, progress)?;
-        let radiance = seen
-            .pixels
-            .iter()
-            .zip(&lit.indirect)
-            .map(|(seen, &irradiance)| {
-                let albedo = seen.as_ref().map_or(Vec3::ZERO, |seen| seen.albedo());
-                albedo / PI * irradiance
-            });
-        found.values.insert(Quantity::Indirect, radiance.collect());
+        found.values.insert(Quantity::Indirect, radiance);
         found
             .values
-            .insert(Quantity::IrradianceIndirect, lit.indirect);
-        found.passes.extend(lit.passes);
+            .insert(Quantity::IrradianceIndirect, irradiance);
         Ok(())
+    }
+
+    /// Radiance and irradiance of points that share the maps.
+    fn by_gathering(
+        &self,
+        triangles: &Triangles<'_>,
+        exact: &dyn Tracer,
+        order: &Order<'_>,
+        progress: &dyn Progress,
+        found: &mut Found,
+    ) -> Result<[Vec<Vec3>; 2]> {
+        let pixels = order.size[0] as usize * order.size[1] as usize;
+        let kinds = (order.settings.normals, order.settings.materials);
+        let mut photons = Photons::emit(triangles, exact, &self.photons(order))?;
+        let samples = self.ldm_samples.min(self.ldm_maps);
+        // Where nothing is seen there is no light: the mean cosine over a hemisphere is a half.
+        let missing = 0.5 * self.ldm_maps as f32 / samples as f32;
+        let nothing = (Vec3::ZERO, Vec3::ZERO, missing * samples as f32);
+        let mut sums = vec![nothing; pixels];
+        for sample in 0..samples {
+            let scene = triangles.scene();
+            let (points, albedos) = Pass::timed(&mut found.passes, "camera", || {
+                let (camera, size) = (order.camera, order.size);
+                let points = Points::with_albedos(scene, exact, camera, size, sample, kinds);
+                (points, [pixels as u64, 0])
+            });
+            let light = photons.light(&points, [sample, samples], progress);
+            for ((&index, light), albedo) in points.indices().iter().zip(light).zip(albedos) {
+                let (radiance, irradiance, weight) = &mut sums[index as usize];
+                *radiance += albedo / PI * light.light;
+                *irradiance += light.light;
+                *weight += light.weight - missing;
+            }
+        }
+        let mean = |sum: Vec3, weight: f32| sum / weight.max(f32::MIN_POSITIVE);
+        found.passes.extend_from_slice(photons.passes());
+        Ok([
+            sums.iter().map(|sum| mean(sum.0, sum.2)).collect(),
+            sums.iter().map(|sum| mean(sum.1, sum.2)).collect(),
+        ])
+    }
+
+    fn by_splatting(
+        &self,
+        triangles: &Triangles<'_>,
+        exact: &dyn Tracer,
+        order: &Order<'_>,
+        progress: &dyn Progress,
+        found: &mut Found,
+    ) -> Result<[Vec<Vec3>; 2]> {
+        let seen = self.see(triangles, exact, order, found);
+        let params = self.photons(order);
+        let lit = light(triangles, exact, order.camera, &seen, &params, progress)?;
+        let pixels = seen.pixels.iter().zip(&lit.indirect);
+        let radiance = pixels.map(|(seen, &irradiance)| {
+            let albedo = seen.as_ref().map_or(Vec3::ZERO, |seen| seen.albedo());
+            albedo / PI * irradiance
+        });
+        let radiance = radiance.collect();
+        found.passes.extend(lit.passes);
+        Ok([radiance, lit.indirect])
     }
 
     fn see(

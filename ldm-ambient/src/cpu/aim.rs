@@ -1,11 +1,11 @@
-//! Where points look in a map: which pixel, and how deep on the line of its centre.
+//! Where points look in a map, and what they see there: which pixel, how deep on the line of its centre, how far the next layer.
 //!
 //! A layer is the surface at the centre of a pixel, and x is not there: x is moved to the centre's line within the plane it
 //! lies in, so that a plane never shadows itself however steep the map sees it. Where the surface of x does not reach so far,
 //! in a corner or at an edge, another of the four pixels around x is asked.
 
 use super::{
-    lanes::{LANES, Lanes, dot},
+    lanes::Simd,
     maps::{Extents, Map},
     points::PointBlock,
     view::View,
@@ -13,35 +13,46 @@ use super::{
 
 /// How far a point is moved at most along a map's direction to reach a pixel's centre, pixels.
 const STEEPEST: f32 = 64.0;
-/// Where eight points look along a map.
-pub(super) struct Aim {
-    /// Places in the map, pixels.
-    at: [Lanes; 2],
-    /// There, metres along the map's direction.
-    pub(super) depths: Lanes,
-    /// How much deeper the point's plane is a pixel further, metres.
-    slopes: [Lanes; 2],
+
+/// What eight points see along a map.
+#[derive(Clone, Copy)]
+pub(super) struct Aim<S: Simd> {
     /// 1 for the map's direction, −1 for its opposite.
-    pub(super) signs: Lanes,
+    pub(super) signs: S::Floats,
     /// Of the shading normal, at least 0.
-    pub(super) cosines: Lanes,
-    /// 1, or 0 where the direction is below the surface.
-    pub(super) above: Lanes,
-    /// The nearest pixel.
-    pub(super) nearest: [u32; LANES],
-    /// On the line of its centre.
-    pub(super) nearest_depths: Lanes,
+    pub(super) cosines: S::Floats,
+    /// Where the direction is above the surface.
+    pub(super) above: S::Mask,
+    /// The pixel that was asked.
+    pub(super) columns: S::Floats,
+    pub(super) rows: S::Floats,
+    /// How deep the point's plane is on the line of its centre, metres.
+    pub(super) depths: S::Floats,
+    /// From there to the nearest layer before the point, metres; infinite where there is none.
+    pub(super) ahead: S::Floats,
+}
+
+/// What eight points ask a map for.
+#[derive(Clone, Copy)]
+pub(super) struct Question<S: Simd> {
+    /// Those that ask.
+    asking: S::Mask,
+    /// 1 for the map's direction, −1 for its opposite.
+    signs: S::Floats,
+    pixels: S::Ints,
+    /// How deep the points are, metres.
+    depths: S::Floats,
+    /// How near a layer is that still is the point itself, metres.
+    tolerance: S::Floats,
 }
 
 /// A map that can be asked for what is before a point.
 pub(super) trait Layers {
     fn view(&self) -> &View;
 
-    /// Whether a pixel may have a layer so deep, give or take the tolerance.
-    fn may_have(&self, pixel: u32, depth: f32, tolerance: f32) -> bool;
-
-    /// Whether it is known to have one.
-    fn has(&self, pixel: u32, depth: f32, tolerance: f32) -> bool;
+    /// How far the nearest layer is, metres, infinite where there is none; and whether there may be one at the point itself: where
+    /// `surely`, whether it is known to be there.
+    fn ahead<S: Simd>(&self, simd: S, points: &Question<S>, surely: bool) -> (S::Floats, S::Mask);
 }
 
 impl Layers for Map {
@@ -51,16 +62,25 @@ impl Layers for Map {
     }
 
     #[inline(always)]
-    fn may_have(&self, pixel: u32, depth: f32, tolerance: f32) -> bool {
-        self.has(pixel, depth, tolerance)
-    }
-
-    #[inline(always)]
-    fn has(&self, pixel: u32, depth: f32, tolerance: f32) -> bool {
-        let layers = self.layers(pixel as usize).iter();
-        layers.fold(false, |has, layer| {
-            has | ((layer - depth).abs() <= tolerance)
-        })
+    fn ahead<S: Simd>(&self, simd: S, points: &Question<S>, _: bool) -> (S::Floats, S::Mask) {
+        let one = simd.splat_int(1);
+        let mut layer = simd.from_ints(&self.firsts, points.pixels);
+        let end = simd.from_ints(&self.firsts, simd.add_ints(points.pixels, one));
+        let none = simd.splat(f32::INFINITY);
+        let (mut ahead, mut known) = (none, simd.none());
+        loop {
+            let there = simd.and(points.asking, simd.less_ints(layer, end));
+            if simd.bits(there) == 0 {
+                return (ahead, known);
+            }
+            let depth = simd.from_floats(&self.depths, layer, there, none);
+            let offset = simd.mul(simd.sub(depth, points.depths), points.signs);
+            let here = simd.at_most(simd.abs(offset), points.tolerance);
+            known = simd.or(known, simd.and(here, there));
+            let beyond = simd.and(there, simd.less(points.tolerance, offset));
+            ahead = simd.select(beyond, simd.min(offset, ahead), ahead);
+            layer = simd.add_ints(layer, one);
+        }
     }
 }
 
@@ -70,141 +90,173 @@ impl Layers for Extents {
         &self.view
     }
 
+    /// There may be a layer anywhere between the first and the last one.
     #[inline(always)]
-    fn may_have(&self, pixel: u32, depth: f32, tolerance: f32) -> bool {
-        let [low, high] = self.ends[pixel as usize];
-        low - tolerance <= depth && depth <= high + tolerance
-    }
-
-    #[inline(always)]
-    fn has(&self, pixel: u32, depth: f32, tolerance: f32) -> bool {
-        let [low, high] = self.ends[pixel as usize];
-        (low - depth).abs() <= tolerance || (high - depth).abs() <= tolerance
+    fn ahead<S: Simd>(&self, simd: S, points: &Question<S>, surely: bool) -> (S::Floats, S::Mask) {
+        let (none, zero) = (simd.splat(f32::INFINITY), simd.splat(0.0));
+        let low = simd.from_floats(&self.lows, points.pixels, points.asking, none);
+        let high = simd.from_floats(&self.highs, points.pixels, points.asking, none);
+        let (below, above) = (simd.sub(points.depths, low), simd.sub(high, points.depths));
+        let (short, tolerance) = (simd.sub(zero, points.tolerance), points.tolerance);
+        let known = if surely {
+            let first = simd.at_most(simd.abs(below), tolerance);
+            simd.or(first, simd.at_most(simd.abs(above), tolerance))
+        } else {
+            simd.and(simd.at_most(short, below), simd.at_most(short, above))
+        };
+        let offset = simd.select(simd.less(points.signs, zero), below, above);
+        let ahead = simd.select(simd.less(tolerance, offset), offset, none);
+        (ahead, simd.and(points.asking, known))
     }
 }
 
-impl Aim {
-    /// Where a block of points looks: each at the nearest pixel that knows its surface.
+impl<S: Simd> Aim<S> {
+    /// What a block of points sees: each at the nearest pixel that knows its surface.
     #[inline(always)]
-    pub(super) fn at<M: Layers>(map: &M, block: &PointBlock, tolerance: f32) -> Self {
-        let mut aim = Self::new(map.view(), block);
-        for lane in 0..LANES {
-            let (pixel, depth) = (aim.nearest[lane], aim.nearest_depths[lane]);
-            if !map.may_have(pixel, depth, tolerance) {
-                aim.move_aside(map, lane, tolerance);
-            }
-        }
-        aim
-    }
-
-    #[inline(always)]
-    fn new(view: &View, block: &PointBlock) -> Self {
-        let scale = 1.0 / view.pixel;
-        let (x, y) = (
-            dot(&block.positions, view.right),
-            dot(&block.positions, view.up),
-        );
-        let depths = dot(&block.positions, view.forward);
-        let cosine = dot(&block.shading, view.forward);
-        let facing = dot(&block.geometric, view.forward);
-        let (tilt_x, tilt_y) = (
-            dot(&block.geometric, view.right),
-            dot(&block.geometric, view.up),
-        );
-        let last = [(view.columns - 1) as f32, (view.rows - 1) as f32];
-        let mut aim = Self {
-            at: [[0.0; LANES]; 2],
-            depths,
-            slopes: [[0.0; LANES]; 2],
-            signs: [0.0; LANES],
-            cosines: [0.0; LANES],
-            above: [0.0; LANES],
-            nearest: [0; LANES],
-            nearest_depths: [0.0; LANES],
-        };
-        for lane in 0..LANES {
-            let column = (x[lane] - view.low.x) * scale;
-            let row = (y[lane] - view.low.y) * scale;
-            aim.at[0][lane] = column;
-            aim.at[1][lane] = row;
-            // A plane that is seen edge-on is nowhere else.
-            let steep = -view.pixel / facing[lane];
-            let steep = if steep.is_finite() { steep } else { 0.0 };
-            aim.slopes[0][lane] = steep * tilt_x[lane];
-            aim.slopes[1][lane] = steep * tilt_y[lane];
-            let (i, j) = (
-                column.floor().clamp(0.0, last[0]),
-                row.floor().clamp(0.0, last[1]),
-            );
-            aim.nearest[lane] = j as u32 * view.columns as u32 + i as u32;
-            let along =
-                (i + 0.5 - column) * aim.slopes[0][lane] + (j + 0.5 - row) * aim.slopes[1][lane];
-            let steepest = STEEPEST * view.pixel;
-            aim.nearest_depths[lane] = depths[lane] + along.clamp(-steepest, steepest);
-            let sign = 1_f32.copysign(cosine[lane]);
-            aim.signs[lane] = sign;
-            aim.cosines[lane] = cosine[lane].abs();
-            aim.above[lane] = f32::from(facing[lane] * sign > 0.0);
-        }
-        aim
-    }
-
-    /// Takes another of the four pixels around a point, where the nearest does not know the point's surface.
-    #[inline(never)]
-    fn move_aside<M: Layers>(&mut self, map: &M, lane: usize, tolerance: f32) {
+    pub(super) fn at<M: Layers>(simd: S, map: &M, block: &PointBlock, tolerance: f32) -> Self {
         let view = map.view();
-        let at = [self.at[0][lane], self.at[1][lane]];
-        let cell = at.map(f32::floor);
-        let aside = [0, 1].map(|axis| {
-            if at[axis] - cell[axis] < 0.5 {
-                -1.0
-            } else {
-                1.0
-            }
-        });
-        let far = [0, 1].map(|axis| (at[axis] - cell[axis] - 0.5).abs());
-        // The neighbour across the nearer side first.
-        let (x, y) = ([aside[0], 0.0], [0.0, aside[1]]);
-        let order = if far[0] >= far[1] {
-            [x, y, aside]
-        } else {
-            [y, x, aside]
+        let place = Place::new(simd, view, block);
+        let zero = simd.splat(0.0);
+        let cosines = simd.dot(&block.shading, view.forward);
+        let signs = simd.with_sign(simd.splat(1.0), cosines);
+        let facing = simd.dot(&block.geometric, view.forward);
+        let above = simd.less(zero, simd.mul(facing, signs));
+        let (i, j) = (
+            cell(simd, place.at[0], view.columns),
+            cell(simd, place.at[1], view.rows),
+        );
+        let mut question = Question {
+            asking: above,
+            signs,
+            pixels: place.pixel(simd, i, j),
+            depths: place.depth(simd, i, j),
+            tolerance: simd.splat(tolerance),
         };
-        for step in order {
-            let (i, j) = (cell[0] + step[0], cell[1] + step[1]);
-            if i < 0.0 || j < 0.0 || i >= view.columns as f32 || j >= view.rows as f32 {
-                continue;
-            }
-            let pixel = j as u32 * view.columns as u32 + i as u32;
-            let along =
-                (i + 0.5 - at[0]) * self.slopes[0][lane] + (j + 0.5 - at[1]) * self.slopes[1][lane];
-            let steepest = STEEPEST * view.pixel;
-            let depth = self.depths[lane] + along.clamp(-steepest, steepest);
-            if map.has(pixel, depth, tolerance) {
-                self.nearest[lane] = pixel;
-                self.nearest_depths[lane] = depth;
-                return;
+        let (ahead, known) = map.ahead(simd, &question, false);
+        let mut aim = Self {
+            signs,
+            cosines: simd.abs(cosines),
+            above,
+            columns: i,
+            rows: j,
+            depths: question.depths,
+            ahead,
+        };
+        let mut unknown = simd.and_not(above, known);
+        if simd.bits(unknown) == 0 {
+            return aim;
+        }
+        // Of the four pixels around a point the neighbour across the nearer side first.
+        let (aside_x, far_x) = aside(simd, place.at[0], i);
+        let (aside_y, far_y) = aside(simd, place.at[1], j);
+        let x_first = simd.at_most(far_y, far_x);
+        let (first_x, first_y) = (
+            simd.select(x_first, aside_x, i),
+            simd.select(x_first, j, aside_y),
+        );
+        let (then_x, then_y) = (
+            simd.select(x_first, i, aside_x),
+            simd.select(x_first, aside_y, j),
+        );
+        for (i, j) in [(first_x, first_y), (then_x, then_y), (aside_x, aside_y)] {
+            question.asking = simd.and(unknown, inside(simd, view, i, j));
+            question.pixels = place.pixel(simd, i, j);
+            question.depths = place.depth(simd, i, j);
+            let (ahead, known) = map.ahead(simd, &question, true);
+            aim.ahead = simd.select(known, ahead, aim.ahead);
+            aim.depths = simd.select(known, question.depths, aim.depths);
+            aim.columns = simd.select(known, i, aim.columns);
+            aim.rows = simd.select(known, j, aim.rows);
+            unknown = simd.and_not(unknown, known);
+            if simd.bits(unknown) == 0 {
+                break;
             }
         }
+        aim
     }
 }
 
-impl Map {
-    /// How far the nearest layer before a point is, metres; infinite where there is none.
+/// Where eight points are in a map.
+struct Place<S: Simd> {
+    /// Pixels.
+    at: [S::Floats; 2],
+    /// Metres.
+    depths: S::Floats,
+    /// How much deeper the points' planes are a pixel further, metres.
+    slopes: [S::Floats; 2],
+    columns: S::Floats,
+    /// How much deeper it may become, metres.
+    steepest: f32,
+}
+
+impl<S: Simd> Place<S> {
     #[inline(always)]
-    pub(super) fn ahead(&self, aim: &Aim, lane: usize, tolerance: f32) -> f32 {
-        let depth = aim.nearest_depths[lane];
-        let mut layers = self.layers(aim.nearest[lane] as usize).iter();
-        if aim.signs[lane] > 0.0 {
-            let from = depth + tolerance;
-            layers
-                .find(|&&layer| layer > from)
-                .map_or(f32::INFINITY, |layer| layer - depth)
-        } else {
-            let from = depth - tolerance;
-            layers
-                .rfind(|&&layer| layer < from)
-                .map_or(f32::INFINITY, |layer| depth - layer)
+    fn new(simd: S, view: &View, block: &PointBlock) -> Self {
+        let scale = simd.splat(1.0 / view.pixel);
+        let x = simd.dot(&block.positions, view.right);
+        let y = simd.dot(&block.positions, view.up);
+        let x = simd.mul(simd.sub(x, simd.splat(view.low.x)), scale);
+        let y = simd.mul(simd.sub(y, simd.splat(view.low.y)), scale);
+        let facing = simd.dot(&block.geometric, view.forward);
+        // A plane that is seen edge-on is nowhere else.
+        let steep = simd.div(simd.splat(-view.pixel), facing);
+        let flat = simd.less(simd.abs(steep), simd.splat(f32::INFINITY));
+        let steep = simd.select(flat, steep, simd.splat(0.0));
+        let tilt_x = simd.dot(&block.geometric, view.right);
+        let tilt_y = simd.dot(&block.geometric, view.up);
+        Self {
+            at: [x, y],
+            depths: simd.dot(&block.positions, view.forward),
+            slopes: [simd.mul(steep, tilt_x), simd.mul(steep, tilt_y)],
+            columns: simd.splat(view.columns as f32),
+            steepest: STEEPEST * view.pixel,
         }
     }
+
+    #[inline(always)]
+    fn pixel(&self, simd: S, column: S::Floats, row: S::Floats) -> S::Ints {
+        // Whole numbers up to 2²⁴ are exact.
+        simd.whole(simd.add(simd.mul(row, self.columns), column))
+    }
+
+    /// How deep the points' planes are on the lines of some pixels' centres.
+    #[inline(always)]
+    fn depth(&self, simd: S, column: S::Floats, row: S::Floats) -> S::Floats {
+        let along = simd.add(self.along(simd, 0, column), self.along(simd, 1, row));
+        let along = simd.min(along, simd.splat(self.steepest));
+        let along = simd.max(along, simd.splat(-self.steepest));
+        simd.add(self.depths, along)
+    }
+
+    #[inline(always)]
+    fn along(&self, simd: S, axis: usize, cell: S::Floats) -> S::Floats {
+        let center = simd.add(cell, simd.splat(0.5));
+        simd.mul(simd.sub(center, self.at[axis]), self.slopes[axis])
+    }
+}
+
+/// The columns or rows, of so many, that places are in.
+#[inline(always)]
+fn cell<S: Simd>(simd: S, at: S::Floats, count: usize) -> S::Floats {
+    let last = simd.splat((count - 1) as f32);
+    // What is no number becomes 0.
+    simd.min(simd.max(simd.floor(at), simd.splat(0.0)), last)
+}
+
+/// The columns or rows on the nearer side of places in others, and how far those are from the middle.
+#[inline(always)]
+fn aside<S: Simd>(simd: S, at: S::Floats, cell: S::Floats) -> (S::Floats, S::Floats) {
+    let (one, half) = (simd.splat(1.0), simd.splat(0.5));
+    let off = simd.sub(simd.sub(at, cell), half);
+    (simd.add(cell, simd.with_sign(one, off)), simd.abs(off))
+}
+
+/// Whether pixels are in the map.
+#[inline(always)]
+fn inside<S: Simd>(simd: S, view: &View, column: S::Floats, row: S::Floats) -> S::Mask {
+    let zero = simd.splat(0.0);
+    let columns = simd.less(column, simd.splat(view.columns as f32));
+    let rows = simd.less(row, simd.splat(view.rows as f32));
+    let low = simd.and(simd.at_most(zero, column), simd.at_most(zero, row));
+    simd.and(low, simd.and(columns, rows))
 }

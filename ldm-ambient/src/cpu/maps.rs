@@ -115,14 +115,20 @@ impl Map {
 /// The first and the last layer of each pixel.
 pub(crate) struct Extents {
     pub(crate) view: View,
-    /// Depths, metres; infinite and −infinite where there is no layer.
-    pub(crate) ends: Vec<[f32; 2]>,
+    /// Depths, metres; infinite where there is no layer.
+    pub(crate) lows: Vec<f32>,
+    /// −infinite where there is no layer.
+    pub(crate) highs: Vec<f32>,
 }
 
 impl Target for Extents {
     #[inline(always)]
     fn cover(&mut self, span: &Span) {
-        for (pixel, [low, high]) in self.ends[span.first..][..span.count].iter_mut().enumerate() {
+        let pixels = span.first..span.first + span.count;
+        let both = self.lows[pixels.clone()]
+            .iter_mut()
+            .zip(&mut self.highs[pixels]);
+        for (pixel, (low, high)) in both.enumerate() {
             let depth = span.at(pixel);
             *low = low.min(depth);
             *high = high.max(depth);
@@ -134,10 +140,15 @@ impl Extents {
     pub(crate) fn build(triangles: &Triangles<'_>, view: View) -> Self {
         let mut extents = Self {
             view,
-            ends: vec![[f32::INFINITY, f32::NEG_INFINITY]; view.pixels()],
+            lows: vec![f32::INFINITY; view.pixels()],
+            highs: vec![f32::NEG_INFINITY; view.pixels()],
         };
         vectorised(|| draw(triangles, &view, &mut extents));
         extents
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(&self.lows[..]) + size_of_val(&self.highs[..])
     }
 }
 
@@ -230,7 +241,7 @@ mod tests {
                     layers.first().copied().unwrap_or(f32::INFINITY),
                     layers.last().copied().unwrap_or(f32::NEG_INFINITY),
                 ];
-                assert_eq!(ends, extents.ends[pixel]);
+                assert_eq!(ends, [extents.lows[pixel], extents.highs[pixel]]);
             }
             let mut area = 0.0;
             for instance in &scene.instances {

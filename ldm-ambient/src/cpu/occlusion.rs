@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::{
     aim::{Aim, Layers},
-    lanes::{LANES, Lanes, Vectors, vectorised},
+    lanes::{LANES, Lanes, Simd, Vectors, Work, with_registers},
     maps::{Extents, Map, Scratch},
     points::{PointBlock, Points},
     triangles::Triangles,
@@ -131,11 +131,10 @@ impl<'a> Occlusion<'a> {
             .iter()
             .fold(Aabb::EMPTY, |bounds, other| bounds.union(other));
         let d_max = self.params.d_max;
-        let near = d_max.is_finite().then(|| {
-            self.triangles.near(&Aabb {
-                min: bounds.min - d_max,
-                max: bounds.max + d_max,
-            })
+        // Boxes without an end overlap everything.
+        let near = self.triangles.near(&Aabb {
+            min: bounds.min - d_max,
+            max: bounds.max + d_max,
         });
         let triangles = near.as_ref().unwrap_or(self.triangles);
         let (longest, resolution) = (longest_axis(&bounds), self.params.maps.resolution);
@@ -218,81 +217,131 @@ impl Batch {
 
     fn bytes(&self) -> usize {
         match self {
-            // While it is built its fragments take twice as much again.
-            Self::Layers(maps) => maps.iter().map(|map| 3 * map.bytes()).sum(),
-            Self::Extents(maps) => maps.iter().map(|map| size_of_val(&map.ends[..])).sum(),
+            // While a thread builds one, its fragments take twice as much again.
+            Self::Layers(maps) => {
+                let built = maps.iter().map(Map::bytes);
+                let largest = built.clone().max().unwrap_or(0);
+                built.sum::<usize>() + 2 * largest * rayon::current_num_threads().min(maps.len())
+            }
+            Self::Extents(maps) => maps.iter().map(Extents::bytes).sum(),
         }
     }
 
     /// Asks the maps one after another.
     fn look_up(&self, blocks: &[PointBlock], sums: &mut [Sums], params: &OcclusionParams) {
-        let tolerance = params.maps.tolerance;
         match self {
-            Self::Layers(maps) => {
-                for map in maps {
-                    let see = |aim: &Aim, near| see_within(map, aim, near, params.d_max);
-                    vectorised(|| accumulate(map, blocks, sums, tolerance, see));
-                }
-            }
-            Self::Extents(maps) => {
-                for map in maps {
-                    let see = |aim: &Aim, near| see_out(map, aim, near);
-                    vectorised(|| accumulate(map, blocks, sums, tolerance, see));
-                }
-            }
+            Self::Layers(maps) => look_up(maps, blocks, sums, params),
+            Self::Extents(maps) => look_up(maps, blocks, sums, params),
         }
+    }
+}
+
+fn look_up<M: Layers>(
+    maps: &[M],
+    blocks: &[PointBlock],
+    sums: &mut [Sums],
+    params: &OcclusionParams,
+) {
+    for map in maps {
+        with_registers(Accumulate {
+            map,
+            blocks,
+            sums,
+            tolerance: params.maps.tolerance * map.view().pixel,
+            d_max: params.d_max,
+        });
     }
 }
 
 /// Adds what eight points after another see.
-#[inline(always)]
-fn accumulate<M: Layers>(
-    map: &M,
-    blocks: &[PointBlock],
-    sums: &mut [Sums],
+struct Accumulate<'a, M> {
+    map: &'a M,
+    blocks: &'a [PointBlock],
+    sums: &'a mut [Sums],
+    /// Metres.
     tolerance: f32,
-    see: impl Fn(&Aim, f32) -> [Lanes; 2],
-) {
-    let view = map.view();
-    let tolerance = tolerance * view.pixel;
-    for (block, sums) in blocks.iter().zip(sums) {
-        let aim = Aim::at(map, block, tolerance);
-        let [ao, obscurance] = see(&aim, tolerance);
-        for lane in 0..LANES {
-            let cosine = aim.cosines[lane];
-            let open = cosine * aim.above[lane];
-            sums.weight[lane] += cosine;
-            sums.ao[lane] += open * ao[lane];
-            sums.obscurance[lane] += open * obscurance[lane];
-            let along = aim.signs[lane] * open * ao[lane];
-            sums.bent[0][lane] += along * view.forward.x;
-            sums.bent[1][lane] += along * view.forward.y;
-            sums.bent[2][lane] += along * view.forward.z;
+    d_max: f32,
+}
+
+impl<M: Layers> Work for Accumulate<'_, M> {
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) {
+        let Vec3 { x, y, z } = self.map.view().forward;
+        let forward = [simd.splat(x), simd.splat(y), simd.splat(z)];
+        let (zero, one) = (simd.splat(0.0), simd.splat(1.0));
+        let (d_max, share) = (simd.splat(self.d_max), simd.splat(1.0 / self.d_max));
+        for (block, sums) in self.blocks.iter().zip(self.sums) {
+            let aim = Aim::at(simd, self.map, block, self.tolerance);
+            let hidden = simd.less(aim.ahead, d_max);
+            let obscurance = simd.select(hidden, simd.mul(aim.ahead, share), one);
+            let lit = simd.select(aim.above, aim.cosines, zero);
+            let open = simd.select(hidden, zero, lit);
+            let along = simd.mul(aim.signs, open);
+            add(simd, &mut sums.weight, aim.cosines);
+            add(simd, &mut sums.ao, open);
+            add(simd, &mut sums.obscurance, simd.mul(lit, obscurance));
+            for (sum, axis) in sums.bent.iter_mut().zip(forward) {
+                add(simd, sum, simd.mul(along, axis));
+            }
         }
     }
 }
 
-/// Whether a layer is before each point, however far: by the first and last of its pixel.
 #[inline(always)]
-fn see_out(map: &Extents, aim: &Aim, tolerance: f32) -> [Lanes; 2] {
-    let ends = aim.nearest.map(|pixel| map.ends[pixel as usize]);
-    let open = std::array::from_fn(|lane| {
-        let [low, high] = ends[lane];
-        let depth = aim.nearest_depths[lane];
-        let ahead = if aim.signs[lane] > 0.0 {
-            high - depth
-        } else {
-            depth - low
-        };
-        f32::from(ahead <= tolerance)
-    });
-    [open, open]
+fn add<S: Simd>(simd: S, sum: &mut Lanes, value: S::Floats) {
+    *sum = simd.store(simd.add(simd.load(sum), value));
 }
 
-/// Whether the nearest layer before each point is beyond `d_max`, and how far it is as a share of it.
-#[inline(always)]
-fn see_within(map: &Map, aim: &Aim, tolerance: f32, d_max: f32) -> [Lanes; 2] {
-    let share: Lanes =
-        std::array::from_fn(|lane| (map.ahead(aim, lane, tolerance) / d_max).min(1.0));
-    [share.map(|share| f32::from(share >= 1.0)), share]
+#[cfg(test)]
+mod tests {
+    use isophote_scene::{
+        BuildTracer, BvhOptions, BvhTracer, Selection, builtin, reference::Normals,
+    };
+
+    use super::*;
+    use crate::cpu::lanes::Portable;
+
+    /// Registers or not, to the bit.
+    #[test]
+    fn registers_compute_what_single_numbers_do() {
+        let scene = std::sync::Arc::new(builtin::build("office").expect("a scene"));
+        let select = Selection::default();
+        let exact = BvhTracer::build(&scene, &select, &BvhOptions::default()).expect("a tracer");
+        let triangles = Triangles::new(&scene, &scene.transforms(), &select).expect("triangles");
+        let camera = &scene.cameras[0];
+        let points = Points::from_camera(&scene, &exact, camera, [40, 30], 0, Normals::Smooth);
+        let blocks = PointBlock::pack(&points.points, triangles.origin);
+        let bounds = [PointBlock::bounds(&blocks)];
+        for &direction in Directions::new(6).vectors() {
+            let view = View::fit(direction, &bounds, Vec3::X, 60);
+            let layers = Map::build(&triangles, view, &mut Scratch::default());
+            let extents = Extents::build(&triangles, view);
+            assert_eq!(sums(&layers, &blocks, false), sums(&layers, &blocks, true));
+            assert_eq!(
+                sums(&extents, &blocks, false),
+                sums(&extents, &blocks, true)
+            );
+        }
+    }
+
+    fn sums<M: Layers>(map: &M, blocks: &[PointBlock], portable: bool) -> Vec<[Lanes; 6]> {
+        let mut sums = vec![Sums::default(); blocks.len()];
+        let work = Accumulate {
+            map,
+            blocks,
+            sums: &mut sums,
+            tolerance: 0.3 * map.view().pixel,
+            d_max: 1.5,
+        };
+        if portable {
+            work.run(Portable);
+        } else {
+            with_registers(work);
+        }
+        let values = sums.iter().map(|sums| {
+            let [x, y, z] = sums.bent;
+            [sums.weight, sums.ao, sums.obscurance, x, y, z]
+        });
+        values.collect()
+    }
 }

@@ -3,47 +3,46 @@
 //! 7. Photons leave the lights and land on the first surface. `emission`
 //! 8. There each is split: one goes along every map, the way that is above the surface, with the share cosθ / Σ cosθ of what
 //!    is reflected. The map tells where it lands (§3.1), its differential how large its footprint is. Maps are streamed.
-//! 9. What lands where the camera sees it is splatted. `splat`
-//!
-//! A photon lands in a pixel's plane: the distance that the map tells, known up to a pixel of the map, chooses the surface and
-//! is then made exact. Where the middle of a footprint is hidden or outside of the picture but the surface around it is not,
-//! it counts nevertheless, so that silhouettes and borders do not darken.
+//! 9. What lands where the camera sees it is splatted (`split`, `splat`), or, the other way around and to the same sums,
+//!    every point looks along the maps for the photons that it gets its light from (`field`, `gather`): [`Deposit`].
 
 mod differential;
 mod emission;
+mod field;
+mod footprint;
+mod gather;
 mod screen;
 mod splat;
+mod split;
 
-use std::time::Instant;
-
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use isophote_scene::{
-    Answers, Camera, GBuffer, Pass, Projection, Tracer,
+    Answers, Camera, GBuffer, Pass, Projection, Seen, Tracer,
     reference::{Materials, Normals, Progress},
 };
 use rayon::prelude::*;
 
+pub use self::gather::Gathered;
 pub(crate) use self::screen::Screen;
 use self::{
-    emission::{Photon, emit},
-    screen::TILE,
-    splat::{Splat, reach, splat},
+    emission::{Photon, bounce, emit},
+    field::Field,
+    footprint::Footprint,
+    splat::{Splat, splat},
+    split::Split,
 };
-use super::{
-    aim::Aim,
-    lanes::{LANES, Lanes, vectorised},
-    maps::{Map, Scratch},
-    occlusion::MAPS,
-    points::PointBlock,
-    triangles::Triangles,
-    view::{View, longest_axis},
-};
-use crate::{Directions, Error, MapParams, Result};
+use super::{Point, Points, triangles::Triangles};
+use crate::{Error, MapParams, Result};
 
-/// Blocks of photons that are split together.
-const CHUNK: usize = 32;
-/// The smallest cosine at which a photon may land.
-const GRAZING: f32 = 0.01;
+/// Who finds whom: photons the pixels that they light, or points the photons that light them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Deposit {
+    /// Every point looks along the maps for the surface that lights it, and takes the footprints of the photons there.
+    #[default]
+    Gathered,
+    /// Every part of a photon is splatted where it lands, as in the paper (§4.2).
+    Splatted,
+}
 
 /// How the parts of a photon and of its neighbours spread after it is split.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -63,8 +62,14 @@ pub struct PhotonParams {
     pub maps: MapParams,
     /// Photons along each side of a light's view, of each of its faces. 1 to 4096.
     pub raster: u32,
-    /// What splitting does to differentials.
+    /// Who finds whom.
+    pub deposit: Deposit,
+    /// What splitting does to the differentials of parts that are splatted.
     pub spread: Spread,
+    /// Diffuse reflections between the lights and what is lit; gathered if more than 1. 1 to 16.
+    pub bounces: u32,
+    /// Directions in which photons go on to the second reflection; a half of them to the third, and so on. 1 to 1024.
+    pub branches: u32,
     /// By how much splats are wider than the differentials say; less is sharper and noisier. Positive.
     pub splat_size: f32,
     /// How far a splat reaches out of its plane, in its own mean radii: what a of Eq. (7) is for. Positive.
@@ -86,9 +91,12 @@ impl Default for PhotonParams {
         Self {
             maps: MapParams::default(),
             raster: 64,
+            deposit: Deposit::default(),
             spread: Spread::default(),
+            bounces: 1,
+            branches: 8,
             splat_size: 2.0,
-            flatness: 3.0,
+            flatness: 0.7,
             direct: false,
             environment: true,
             materials: Materials::Pbr,
@@ -112,6 +120,27 @@ impl PhotonParams {
                 "it must be 1 to 4096",
             ));
         }
+        if !(1..=16).contains(&self.bounces) {
+            return Err(Error::parameter(
+                "the number of bounces",
+                self.bounces,
+                "it must be 1 to 16",
+            ));
+        }
+        if self.bounces > 1 && self.deposit == Deposit::Splatted {
+            return Err(Error::parameter(
+                "the number of bounces",
+                self.bounces,
+                "photons that are splatted bounce once",
+            ));
+        }
+        if !(1..=1 << 10).contains(&self.branches) {
+            return Err(Error::parameter(
+                "the number of branches",
+                self.branches,
+                "it must be 1 to 1024",
+            ));
+        }
         for (name, value) in [
             ("the size of splats", self.splat_size),
             ("the flatness of splats", self.flatness),
@@ -127,23 +156,23 @@ impl PhotonParams {
 /// What photons light.
 #[derive(Clone, Debug, Default)]
 pub struct Lit {
-    /// Irradiance by light that bounced once, W/m², row by row from the top.
+    /// Irradiance by light that bounced, W/m²: row by row from the top, or in the order of the points.
     pub indirect: Vec<Vec3>,
     /// The same straight from the lights; empty unless [`PhotonParams::direct`].
     pub direct: Vec<Vec3>,
     /// Watts that left the lights.
     pub power: Vec3,
-    /// Photons that met a surface, and those of their parts that were splatted.
+    /// Photons that met a surface, of all bounces, and their parts that were splatted.
     pub photons: [u64; 2],
-    /// What the stages took: `emission`, `maps`, `split`, `splat`.
+    /// What the stages took: `emission`, `maps`, and `gather` or `split` and `splat`.
     pub passes: Vec<Pass>,
 }
 
 /// The irradiance of what a camera sees.
 ///
 /// # Errors
-/// [`Error::Parameter`] for parameters out of their range and for a parallel camera, [`Error::Scene`] when the exact tracer
-/// does not answer [`Answers::Surface`].
+/// [`Error::Parameter`] for parameters out of their range and, where anything is splatted, for a parallel camera,
+/// [`Error::Scene`] when the exact tracer does not answer [`Answers::Surface`].
 pub fn light<T: Tracer + ?Sized>(
     triangles: &Triangles<'_>,
     exact: &T,
@@ -152,297 +181,164 @@ pub fn light<T: Tracer + ?Sized>(
     params: &PhotonParams,
     progress: &dyn Progress,
 ) -> Result<Lit> {
-    params.check()?;
-    exact
-        .answers()
-        .require(Answers::Surface, "ldm", "the exact tracer")?;
-    if !matches!(camera.projection, Projection::Perspective { .. }) {
+    let splatted = params.direct || params.deposit == Deposit::Splatted;
+    if splatted && !matches!(camera.projection, Projection::Perspective { .. }) {
         return Err(Error::parameter(
             "the camera",
             "parallel",
             "photons are splatted for perspective ones",
         ));
     }
-    let mut passes = Vec::new();
-    let (photons, power) = Pass::timed(&mut passes, "emission", || {
-        let (photons, power) = emit(triangles.scene(), exact, params);
-        let rays = photons.len() as u64;
-        ((photons, power), [rays, 0])
-    });
-    let screen = Screen::new(seen, camera);
-    let mut lit = Lit {
-        power,
-        photons: [photons.len() as u64, 0],
-        ..Lit::default()
-    };
-    if params.direct {
-        let landed: Vec<Splat> = photons
+    let (mut lit, photons) = emitted(triangles, exact, params)?;
+    let screen = splatted.then(|| Screen::new(seen, camera));
+    if let Some(screen) = screen.as_ref().filter(|_| params.direct) {
+        let landed: Vec<Splat> = photons[0]
             .par_iter()
-            .filter_map(|photon| primary(&screen, photon, params))
+            .filter_map(|photon| primary(screen, photon, params))
             .collect();
         let mut light = screen.dark();
-        splat(&screen, &landed, &mut light);
+        splat(screen, &landed, &mut light);
         lit.direct = screen.rows(&light);
     }
-    let reflecting: Vec<Photon> = photons
-        .into_iter()
-        .filter(|photon| photon.albedo != Vec3::ZERO)
-        .collect();
-    let split = Split::new(triangles, &reflecting, &screen, params);
-    let mut light = screen.dark();
-    lit.photons[1] = split.along_all_maps(&mut light, &mut passes, progress);
-    lit.indirect = screen.rows(&light);
-    lit.passes = passes;
+    match (params.deposit, &screen) {
+        (Deposit::Splatted, Some(screen)) => {
+            let reflecting = photons.into_iter().flatten();
+            let reflecting: Vec<Photon> = reflecting
+                .filter(|photon| photon.albedo != Vec3::ZERO)
+                .collect();
+            let split = Split::new(triangles, &reflecting, screen, params);
+            let mut light = screen.dark();
+            lit.photons[1] = split.along_all_maps(&mut light, &mut lit.passes, progress);
+            lit.indirect = screen.rows(&light);
+        }
+        _ => {
+            let point = |(index, seen): (usize, &Option<Seen>)| {
+                let seen = seen.as_ref()?;
+                Some((
+                    Point::new(&seen.point, seen.view, params.normals),
+                    index as u32,
+                ))
+            };
+            let found = seen.pixels.iter().enumerate().filter_map(point);
+            let (points, indices) = found.unzip();
+            let points = Points { points, indices };
+            let mut emitted = Photons::of(triangles, exact, lit, photons, params);
+            let light = emitted.light(&points, [0, 1], progress);
+            lit = emitted.lit;
+            lit.indirect = vec![Vec3::ZERO; seen.pixels.len()];
+            for (&index, light) in points.indices.iter().zip(light) {
+                lit.indirect[index as usize] = light.irradiance();
+            }
+        }
+    }
     Ok(lit)
+}
+
+/// Photons where they landed, ready to light any points: pixels, vertices or texels alike.
+pub struct Photons<'a> {
+    triangles: &'a Triangles<'a>,
+    field: Field,
+    params: PhotonParams,
+    lit: Lit,
+}
+
+impl<'a> Photons<'a> {
+    /// Sends them.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for parameters out of their range, [`Error::Scene`] when the exact tracer does not answer
+    /// [`Answers::Surface`].
+    pub fn emit<T: Tracer + ?Sized>(
+        triangles: &'a Triangles<'a>,
+        exact: &T,
+        params: &PhotonParams,
+    ) -> Result<Self> {
+        let (lit, photons) = emitted(triangles, exact, params)?;
+        Ok(Self::of(triangles, exact, lit, photons, params))
+    }
+
+    fn of<T: Tracer + ?Sized>(
+        triangles: &'a Triangles<'a>,
+        exact: &T,
+        mut lit: Lit,
+        photons: Vec<Vec<Photon>>,
+        params: &PhotonParams,
+    ) -> Self {
+        let field = Pass::timed(&mut lit.passes, "field", || {
+            (Field::new(exact, &photons.concat(), params), [0, 0])
+        });
+        Self {
+            triangles,
+            field,
+            params: *params,
+            lit,
+        }
+    }
+
+    /// The light of points, in their order, by a part of the maps: of so many parts, one takes every so manyth. Points of one
+    /// pixel can share the maps so; sums of light and of weights over the parts are those by all.
+    pub fn light(
+        &mut self,
+        points: &Points,
+        part: [u32; 2],
+        progress: &dyn Progress,
+    ) -> Vec<Gathered> {
+        let passes = &mut self.lit.passes;
+        let (triangles, field) = (self.triangles, &self.field);
+        gather::gather(
+            triangles,
+            field,
+            points,
+            part,
+            &self.params,
+            passes,
+            progress,
+        )
+    }
+
+    /// Watts that left the lights.
+    pub fn power(&self) -> Vec3 {
+        self.lit.power
+    }
+
+    /// What the stages took so far.
+    pub fn passes(&self) -> &[Pass] {
+        &self.lit.passes
+    }
+}
+
+/// The photons of each bounce.
+fn emitted<T: Tracer + ?Sized>(
+    triangles: &Triangles<'_>,
+    exact: &T,
+    params: &PhotonParams,
+) -> Result<(Lit, Vec<Vec<Photon>>)> {
+    params.check()?;
+    exact
+        .answers()
+        .require(Answers::Surface, "ldm", "the exact tracer")?;
+    let scene = triangles.scene();
+    let mut lit = Lit::default();
+    let mut photons = Vec::new();
+    Pass::timed(&mut lit.passes, "emission", || {
+        let (first, power) = emit(scene, exact, params);
+        lit.power = power;
+        photons.push(first);
+        for bounces in 1..params.bounces {
+            let branches = (params.branches >> (bounces - 1)).max(1);
+            let next = bounce(scene, exact, &photons[photons.len() - 1], branches, params);
+            photons.push(next);
+        }
+        lit.photons[0] = photons.iter().map(|photons| photons.len() as u64).sum();
+        ((), [lit.photons[0], 0])
+    });
+    Ok((lit, photons))
 }
 
 /// A photon's own splat on the first surface.
 fn primary(screen: &Screen, photon: &Photon, params: &PhotonParams) -> Option<Splat> {
-    let normal = photon.point.geometric_normal;
-    let landing = Landing {
-        position: photon.point.position,
-        normal,
-        flux: photon.flux,
-        direction: photon.direction,
-    };
-    landing.splat(screen, photon.differential.position, params)
-}
-
-/// Photons that are split.
-struct Split<'a> {
-    triangles: &'a Triangles<'a>,
-    photons: &'a [Photon],
-    blocks: Vec<PointBlock>,
-    /// Σ cosθ over the directions of each photon.
-    weights: Vec<f32>,
-    views: Vec<View>,
-    screen: &'a Screen,
-    params: &'a PhotonParams,
-}
-
-impl<'a> Split<'a> {
-    fn new(
-        triangles: &'a Triangles<'a>,
-        photons: &'a [Photon],
-        screen: &'a Screen,
-        params: &'a PhotonParams,
-    ) -> Self {
-        let points: Vec<_> = photons.iter().map(|photon| photon.point).collect();
-        let blocks = PointBlock::pack(&points, triangles.origin);
-        let directions = Directions::new(params.maps.maps);
-        let weight = |photon: &Photon| {
-            let cosines = directions
-                .vectors()
-                .iter()
-                .map(|vector| vector.dot(photon.point.shading_normal).abs());
-            cosines.sum()
-        };
-        let boxes: Vec<_> = blocks.chunks(LANES).map(PointBlock::bounds).collect();
-        let fit = |&direction: &Vec3| {
-            View::fit(
-                direction,
-                &boxes,
-                longest_axis(&triangles.bounds),
-                params.maps.resolution,
-            )
-        };
-        Self {
-            triangles,
-            photons,
-            weights: photons.par_iter().map(weight).collect(),
-            views: match boxes.is_empty() {
-                true => Vec::new(),
-                false => directions.vectors().iter().map(fit).collect(),
-            },
-            blocks,
-            screen,
-            params,
-        }
-    }
-
-    /// Sends a part of every photon along every map; returns how many parts were splatted.
-    fn along_all_maps(
-        &self,
-        light: &mut [[Lanes; 3]],
-        passes: &mut Vec<Pass>,
-        progress: &dyn Progress,
-    ) -> u64 {
-        let mut seconds = [0.0; 3];
-        let (mut splatted, mut done) = (0, 0);
-        let at_once = rayon::current_num_threads().clamp(MAPS[0], MAPS[1]);
-        for views in self.views.chunks(at_once) {
-            let start = Instant::now();
-            let build =
-                |scratch: &mut Scratch, view: &View| Map::build(self.triangles, *view, scratch);
-            let maps: Vec<Map> = views.par_iter().map_init(Scratch::default, build).collect();
-            let built = Instant::now();
-            let chunks = self.blocks.len().div_ceil(CHUNK);
-            let parts = maps
-                .iter()
-                .flat_map(|map| (0..chunks).map(move |chunk| (map, chunk)));
-            let splats: Vec<Vec<Splat>> = parts
-                .collect::<Vec<_>>()
-                .into_par_iter()
-                .map(|(map, chunk)| self.along(map, chunk * CHUNK))
-                .collect();
-            let split = Instant::now();
-            let splats = splats.concat();
-            splat(self.screen, &splats, light);
-            splatted += splats.len() as u64;
-            seconds[0] += (built - start).as_secs_f64();
-            seconds[1] += (split - built).as_secs_f64();
-            seconds[2] += split.elapsed().as_secs_f64();
-            done += views.len() as u64;
-            progress.advance(done, self.views.len() as u64);
-        }
-        let lookups = (self.photons.len() * self.views.len()) as u64;
-        let rays = [0, lookups, 0];
-        for ((name, seconds), rays) in ["maps", "split", "splat"]
-            .into_iter()
-            .zip(seconds)
-            .zip(rays)
-        {
-            passes.push(Pass {
-                name,
-                rays,
-                seconds,
-                ..Pass::default()
-            });
-        }
-        splatted
-    }
-
-    /// The splats of some photons along a map.
-    fn along(&self, map: &Map, first: usize) -> Vec<Splat> {
-        let mut splats = Vec::new();
-        let tolerance = self.params.maps.tolerance * map.view.pixel;
-        let blocks = self.blocks[first..].iter().take(CHUNK).enumerate();
-        vectorised(|| {
-            for (offset, block) in blocks {
-                let aim = Aim::at(map, block, tolerance);
-                let photons = &self.photons[(first + offset) * LANES..];
-                let weights = &self.weights[(first + offset) * LANES..];
-                for (lane, (photon, weight)) in photons.iter().zip(weights).take(LANES).enumerate()
-                {
-                    if aim.above[lane] == 0.0 {
-                        continue;
-                    }
-                    // From the point itself, not from where it was moved to.
-                    let moved = aim.signs[lane] * (aim.nearest_depths[lane] - aim.depths[lane]);
-                    let t = map.ahead(&aim, lane, tolerance) + moved;
-                    if t.is_finite() {
-                        let direction = aim.signs[lane] * map.view.forward;
-                        let share = aim.cosines[lane] / weight;
-                        splats.extend(self.land(photon, direction, t, share, map.view.pixel));
-                    }
-                }
-            }
-        });
-        splats
-    }
-
-    /// Where a part of a photon lands, if it can be seen there.
-    fn land(
-        &self,
-        photon: &Photon,
-        direction: Vec3,
-        t: f32,
-        share: f32,
-        pixel: f32,
-    ) -> Option<Splat> {
-        let start = photon.point.position;
-        let differential = match self.params.spread {
-            Spread::Parallel => photon.differential.parallel(),
-            Spread::Turned => photon.differential.reflect(photon.direction, direction),
-        };
-        let at = self.screen.project(start + t * direction)?;
-        let across = differential
-            .transfer(direction, t, -direction)
-            .parallelogram();
-        let radius = 0.5 * self.params.splat_size * across.sqrt();
-        let pixels = radius * self.screen.pixels_per_metre(start + t * direction);
-        let beyond = at.abs().max_element() - pixels
-            > 2.0 * self.screen.size[0].max(self.screen.size[1]) as f32;
-        if beyond || !pixels.is_finite() {
-            return None;
-        }
-        let [x, y] = [Vec2::X, Vec2::Y].map(|axis| axis * pixels);
-        let (position, normal, t) = [Vec2::ZERO, x, -x, y, -y].into_iter().find_map(|aside| {
-            let (point, normal) = self.screen.surface(at + aside)?;
-            let cosine = -direction.dot(normal);
-            let off = (start + t * direction - point).dot(normal);
-            let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
-            let fits = cosine > GRAZING && off.abs() < pixel * (1.5 * sine + 0.5);
-            let exact = t + off / cosine;
-            let position = start + exact * direction;
-            (fits && exact > 0.0).then_some((position, normal, exact))
-        })?;
-        let landing = Landing {
-            position,
-            normal,
-            flux: share * photon.albedo * photon.flux,
-            direction,
-        };
-        landing.splat(
-            self.screen,
-            differential.transfer(direction, t, normal).position,
-            self.params,
-        )
-    }
-}
-
-/// A photon on a surface that is seen.
-struct Landing {
-    position: Vec3,
-    normal: Vec3,
-    flux: Vec3,
-    /// As it came.
-    direction: Vec3,
-}
-
-impl Landing {
-    /// Eq. (4), (5) and (7) for a footprint.
-    fn splat(&self, screen: &Screen, footprint: [Vec3; 2], params: &PhotonParams) -> Option<Splat> {
-        let [u, v] = footprint.map(|side| params.splat_size * side);
-        let normal = self.normal;
-        let volume = u.dot(v.cross(normal));
-        let parallelogram = volume.abs();
-        if !(parallelogram > 1e-12 && parallelogram.is_finite()) {
-            return None;
-        }
-        let thickness = 0.5 * params.flatness * parallelogram.sqrt();
-        let [low, high] = reach(screen, self.position, [u, v], 2.0 * thickness * normal)?;
-        let scale = 2.0 / volume;
-        Some(Splat {
-            position: self.position,
-            filter: [
-                scale * v.cross(normal),
-                scale * normal.cross(u),
-                normal / thickness,
-            ],
-            peak: 3.0 * self.flux / (0.25 * std::f32::consts::PI * parallelogram),
-            towards: -self.direction,
-            normal,
-            low,
-            high,
-        })
-    }
-}
-
-impl Screen {
-    /// No light, laid out as splats are added.
-    fn dark(&self) -> Vec<[Lanes; 3]> {
-        vec![[[0.0; LANES]; 3]; self.pixels.len()]
-    }
-
-    /// Light row by row.
-    fn rows(&self, light: &[[Lanes; 3]]) -> Vec<Vec3> {
-        debug_assert_eq!(light.len() % (TILE * TILE / LANES), 0);
-        let [width, height] = self.size.map(|side| side as usize);
-        let pixel = |index: usize| {
-            let (block, lane) = self.place(index % width, index / width);
-            Vec3::from_array(light[block].map(|channel| channel[lane]))
-        };
-        (0..width * height).map(pixel).collect()
-    }
+    let (position, normal) = (photon.point.position, photon.point.geometric_normal);
+    let sides = photon.differential.position;
+    let footprint = Footprint::new(position, normal, photon.flux, sides, params)?;
+    Splat::new(screen, footprint, -photon.direction)
 }

@@ -2,7 +2,8 @@
 
 use glam::{UVec2, Vec2, Vec3};
 use isophote_scene::{
-    Aabb, Camera, Receiver, Receivers, Scene, SurfacePoint, Tracer, facing, reference::Normals,
+    Aabb, Camera, Hit, Receiver, Receivers, Scene, Seen, SurfacePoint, Tracer, facing,
+    reference::{Materials, Normals},
     sample::radical_inverse,
 };
 use rayon::prelude::*;
@@ -76,26 +77,61 @@ impl Points {
         sample: u32,
         normals: Normals,
     ) -> Self {
+        let place_of = |scene: &Scene, hit: &Hit, view| {
+            (Point::new(&scene.surface_point(hit), view, normals), ())
+        };
+        Self::look(scene, tracer, camera, size, sample, place_of).0
+    }
+
+    /// The same, and what of the light each point reflects diffusely.
+    pub fn with_albedos<T: Tracer + ?Sized>(
+        scene: &Scene,
+        tracer: &T,
+        camera: &Camera,
+        size: [u32; 2],
+        sample: u32,
+        (normals, materials): (Normals, Materials),
+    ) -> (Self, Vec<Vec3>) {
+        let place_of = |scene: &Scene, hit: &Hit, view| {
+            let seen = Seen::new(scene, scene.surface_point(hit), view, materials);
+            (Point::new(&seen.point, seen.view, normals), seen.albedo())
+        };
+        Self::look(scene, tracer, camera, size, sample, place_of)
+    }
+
+    fn look<T: Tracer + ?Sized, R: Send>(
+        scene: &Scene,
+        tracer: &T,
+        camera: &Camera,
+        size: [u32; 2],
+        sample: u32,
+        point: impl Fn(&Scene, &Hit, Vec3) -> (Point, R) + Sync,
+    ) -> (Self, Vec<R>) {
         let [width, height] = size;
         let place = [2, 3].map(|base| (radical_inverse(base, sample) + 0.5).fract());
         let see = |pixel: u32| {
             let corner = UVec2::new(pixel % width, pixel / width).as_vec2();
             let ray = camera.ray(corner + Vec2::from_array(place), width, height);
             let hit = tracer.closest_hit(&ray)?;
-            let point = Point::new(&scene.surface_point(&hit), -ray.direction, normals);
-            Some((point, pixel))
+            Some((point(scene, &hit, -ray.direction), pixel))
         };
-        let found: Vec<(Point, u32)> = (0..width * height)
+        let found: Vec<((Point, R), u32)> = (0..width * height)
             .into_par_iter()
             .filter_map(see)
             .collect();
-        let (points, indices) = found.into_iter().unzip();
-        Self { points, indices }
+        let (seen, indices): (Vec<_>, _) = found.into_iter().unzip();
+        let (points, more) = seen.into_iter().unzip();
+        (Self { points, indices }, more)
     }
 
     /// How many there are.
     pub fn len(&self) -> usize {
         self.points.len()
+    }
+
+    /// Which pixel, vertex or texel each is for.
+    pub fn indices(&self) -> &[u32] {
+        &self.indices
     }
 
     /// Whether there is none.

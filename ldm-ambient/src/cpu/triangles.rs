@@ -71,29 +71,33 @@ impl<'a> Triangles<'a> {
         })
     }
 
-    /// Only those that touch a box, which is relative to the origin. Blocks are kept whole.
-    pub(crate) fn near(&self, bounds: &Aabb) -> Self {
+    /// Only those that touch a box, which is relative to the origin; none where that are most of them. Blocks are kept whole.
+    pub(crate) fn near(&self, bounds: &Aabb) -> Option<Self> {
         let is_near = |block: &&Block| {
             bounds.overlaps(&Aabb::around(
                 (0..LANES).flat_map(|lane| block.corners_of(lane)),
             ))
         };
+        let blocks: Vec<Block> = self.blocks.iter().filter(is_near).copied().collect();
+        if 4 * blocks.len() > 3 * self.blocks.len() {
+            return None;
+        }
         let masked = self
             .masked
             .iter()
             .filter(|triangle| bounds.overlaps(&Aabb::around(triangle.corners)));
-        Self {
+        Some(Self {
             scene: self.scene,
             origin: self.origin,
             bounds: self.bounds,
-            blocks: self.blocks.iter().filter(is_near).copied().collect(),
+            blocks,
             masked: masked
                 .map(|triangle| Masked {
                     corners: triangle.corners,
                     surface: triangle.surface,
                 })
                 .collect(),
-        }
+        })
     }
 
     /// Whether light stops at a point of a triangle.

@@ -12,11 +12,15 @@ use isophote_scene::{
 use rayon::prelude::*;
 
 use super::{PhotonParams, differential::Differential};
-use crate::cpu::Point;
+use crate::{Directions, cpu::Point};
+
+/// Of the footprint that one of so many photons without a raster stands for.
+const OVERLAP: f32 = 0.125;
 
 /// A photon on the first surface it meets.
 #[derive(Clone, Copy)]
 pub(crate) struct Photon {
+    pub(crate) surface: SurfaceId,
     pub(crate) point: Point,
     /// Unit, as it came.
     pub(crate) direction: Vec3,
@@ -48,29 +52,75 @@ pub(crate) fn emit<T: Tracer + ?Sized>(
         .collect();
     leaving.extend(leave_others(scene, params));
     let power = leaving.iter().map(|photon| photon.flux).sum();
-    let land = |photon: &Leaving| {
-        let hit = exact.closest_hit_from(&photon.ray, photon.start)?;
-        let seen = Seen::new(
-            scene,
-            scene.surface_point(&hit),
-            -photon.ray.direction,
-            params.materials,
-        );
-        let point = Point::new(&seen.point, seen.view, params.normals);
-        let differential =
-            photon
-                .differential
-                .transfer(photon.ray.direction, hit.t, point.geometric_normal);
-        let footprint = differential.parallelogram();
-        (footprint.is_finite() && photon.flux != Vec3::ZERO).then_some(Photon {
-            point,
-            direction: photon.ray.direction,
-            flux: photon.flux,
-            albedo: seen.albedo(),
-            differential,
-        })
-    };
+    let land = |photon: &Leaving| land(scene, exact, photon, params);
     (leaving.par_iter().filter_map(land).collect(), power)
+}
+
+/// What photons become that are reflected once more, each along some of the maps' directions, and meet a surface. All go along
+/// the same ones, so footprints tile what they meet.
+pub(crate) fn bounce<T: Tracer + ?Sized>(
+    scene: &Scene,
+    exact: &T,
+    photons: &[Photon],
+    branches: u32,
+    params: &PhotonParams,
+) -> Vec<Photon> {
+    let directions = Directions::new(params.maps.maps).subset(branches);
+    let reflect = |photon: &Photon| {
+        let normals = [photon.point.shading_normal, photon.point.geometric_normal];
+        let cosine = |direction: &Vec3| direction.dot(normals[0]).abs();
+        let sum: f32 = directions.iter().map(cosine).sum();
+        let go = |direction: &Vec3| {
+            let direction = direction * 1_f32.copysign(direction.dot(normals[0]));
+            let above = direction.dot(normals[1]) > 0.0;
+            let share = cosine(&direction) / sum;
+            (above && share > 0.0).then_some((direction, share))
+        };
+        let leaving = directions
+            .iter()
+            .filter_map(go)
+            .map(|(direction, share)| Leaving {
+                ray: Ray::new(photon.point.position, direction),
+                start: photon.surface,
+                flux: share * photon.albedo * photon.flux,
+                differential: photon.differential.parallel(),
+            });
+        let reflects = photon.albedo != Vec3::ZERO;
+        leaving.filter(|_| reflects).collect::<Vec<_>>()
+    };
+    let leaving: Vec<Leaving> = photons.par_iter().flat_map_iter(reflect).collect();
+    let land = |photon: &Leaving| land(scene, exact, photon, params);
+    leaving.par_iter().filter_map(land).collect()
+}
+
+/// A photon where it meets the first surface.
+fn land<T: Tracer + ?Sized>(
+    scene: &Scene,
+    exact: &T,
+    photon: &Leaving,
+    params: &PhotonParams,
+) -> Option<Photon> {
+    let hit = exact.closest_hit_from(&photon.ray, photon.start)?;
+    let seen = Seen::new(
+        scene,
+        scene.surface_point(&hit),
+        -photon.ray.direction,
+        params.materials,
+    );
+    let point = Point::new(&seen.point, seen.view, params.normals);
+    let direction = photon.ray.direction;
+    let differential = photon
+        .differential
+        .transfer(direction, hit.t, point.geometric_normal);
+    let footprint = differential.parallelogram();
+    (footprint.is_finite() && photon.flux != Vec3::ZERO).then_some(Photon {
+        surface: hit.surface,
+        point,
+        direction,
+        flux: photon.flux,
+        albedo: seen.albedo(),
+        differential,
+    })
 }
 
 /// The photons of a light without geometry.
@@ -161,8 +211,9 @@ fn leave_others(scene: &Scene, params: &PhotonParams) -> Vec<Leaving> {
     let emission = Emission::new(&others);
     let count = 6 * params.raster * params.raster;
     let radius = 0.5 * scene.bounds().diagonal();
-    // Of the directions and of the places one photon has the square root of its share.
-    let share = (1.0 / count as f32).sqrt();
+    // Of the directions and of the places one photon has the square root of its share, had they a raster of four dimensions. So
+    // many photons meet each place of the surfaces, which have two, that a part of it is enough.
+    let share = (1.0 / count as f32).sqrt() * OVERLAP;
     let leave = |index: u32| {
         let sampler = Sampler::new(params.seed, 0x6c64_6d70, index);
         let particle = emission.emit(sampler.get_1d(0), sampler.get_2d(1), sampler.get_2d(2))?;

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 use isophote_scene::{Camera, GBuffer, Pinhole};
 
-use crate::cpu::lanes::{LANES, Vectors};
+use crate::cpu::lanes::{LANES, Lanes, Vectors};
 
 /// Pixels of a tile's side.
 pub(crate) const TILE: usize = 16;
@@ -95,5 +95,21 @@ impl Screen {
         let of = |vectors: &Vectors| Vec3::from_array(vectors.map(|axis| axis[lane]));
         let normal = of(&self.pixels[block].normals);
         (normal != Vec3::ZERO).then(|| (of(&self.pixels[block].positions), normal))
+    }
+
+    /// No light, laid out as splats are added.
+    pub(super) fn dark(&self) -> Vec<[Lanes; 3]> {
+        vec![[[0.0; LANES]; 3]; self.pixels.len()]
+    }
+
+    /// Light row by row.
+    pub(super) fn rows(&self, light: &[[Lanes; 3]]) -> Vec<Vec3> {
+        debug_assert_eq!(light.len() % (TILE * TILE / LANES), 0);
+        let [width, height] = self.size.map(|side| side as usize);
+        let pixel = |index: usize| {
+            let (block, lane) = self.place(index % width, index / width);
+            Vec3::from_array(light[block].map(|channel| channel[lane]))
+        };
+        (0..width * height).map(pixel).collect()
     }
 }

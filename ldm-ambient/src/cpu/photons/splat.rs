@@ -7,23 +7,35 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::screen::{Screen, TILE};
+use super::{
+    footprint::Footprint,
+    screen::{Screen, TILE},
+};
 use crate::cpu::lanes::{LANES, Lanes, vectorised};
 
 /// A photon that lights pixels.
 #[derive(Clone, Copy)]
 pub(crate) struct Splat {
-    pub(crate) position: Vec3,
-    /// The rows of the matrix of Eq. (7).
-    pub(crate) filter: [Vec3; 3],
-    /// 3 times the flux over the footprint's area, π K(0) of Eq. (6): irradiance in the footprint's middle, W/m².
-    pub(crate) peak: Vec3,
+    footprint: Footprint,
     /// Towards where it came from, unit.
-    pub(crate) towards: Vec3,
-    pub(crate) normal: Vec3,
+    towards: Vec3,
     /// Pixels from and up to which it reaches, exclusive.
-    pub(crate) low: [u16; 2],
-    pub(crate) high: [u16; 2],
+    low: [u16; 2],
+    high: [u16; 2],
+}
+
+impl Splat {
+    /// None where it is out of the picture.
+    pub(crate) fn new(screen: &Screen, footprint: Footprint, towards: Vec3) -> Option<Self> {
+        let thickness = 2.0 * footprint.thickness * footprint.normal;
+        let [low, high] = reach(screen, footprint.position, footprint.sides, thickness)?;
+        Some(Self {
+            footprint,
+            towards,
+            low,
+            high,
+        })
+    }
 }
 
 /// Adds splats to irradiance, which is laid out by tiles; returns how many pixels were weighed.
@@ -81,6 +93,9 @@ fn add(screen: &Screen, tile: usize, splat: &Splat, light: &mut [[Lanes; 3]]) ->
     let (across, down) = (range(0), range(1));
     let blocks = across.start / LANES..across.end.div_ceil(LANES);
     let base = tile * (TILE * TILE / LANES);
+    let Splat {
+        footprint, towards, ..
+    } = splat;
     let mut weighed = 0;
     for row in down {
         for block in blocks.clone() {
@@ -91,18 +106,18 @@ fn add(screen: &Screen, tile: usize, splat: &Splat, light: &mut [[Lanes; 3]]) ->
             let mut weights = [0.0; LANES];
             for lane in 0..LANES {
                 let (x, y, z) = (
-                    p[0][lane] - splat.position.x,
-                    p[1][lane] - splat.position.y,
-                    p[2][lane] - splat.position.z,
+                    p[0][lane] - footprint.position.x,
+                    p[1][lane] - footprint.position.y,
+                    p[2][lane] - footprint.position.z,
                 );
                 let along = |row: Vec3| row.x * x + row.y * y + row.z * z;
-                let [u, v, w] = splat.filter.map(along);
+                let [u, v, w] = footprint.filter.map(along);
                 let rest = 1.0 - (u * u + v * v + w * w);
                 let facing = |d: Vec3| n[0][lane] * d.x + n[1][lane] * d.y + n[2][lane] * d.z;
-                let lit = rest > 0.0 && facing(splat.towards) > 0.0 && facing(splat.normal) > 0.0;
+                let lit = rest > 0.0 && facing(*towards) > 0.0 && facing(footprint.normal) > 0.0;
                 weights[lane] = if lit { rest * rest } else { 0.0 };
             }
-            for (sums, peak) in sums.iter_mut().zip(splat.peak.to_array()) {
+            for (sums, peak) in sums.iter_mut().zip(footprint.peak.to_array()) {
                 for lane in 0..LANES {
                     sums[lane] += weights[lane] * peak;
                 }
@@ -114,7 +129,7 @@ fn add(screen: &Screen, tile: usize, splat: &Splat, light: &mut [[Lanes; 3]]) ->
 }
 
 /// The pixels that a parallelogram around a point may overlap; none where it is out of the picture.
-pub(crate) fn reach(
+fn reach(
     screen: &Screen,
     position: Vec3,
     sides: [Vec3; 2],

@@ -1,0 +1,119 @@
+//! Fig. 10: one bounce of light by photons, gathered and splatted, against the number of photons and the size of splats.
+
+use serde_json::{Value, json};
+
+use super::{Measured, cornell, sibenik, sponza};
+use crate::paper::{
+    lab::Lab,
+    page::{Part, Picture, Section},
+    plot::{Curve, Plot},
+    report::{cells, percent, signed},
+};
+
+const TEXT: &str = "512 maps of 200². Splatted: every part of a photon lights the pixels around where it lands, as in the paper. \
+    Gathered: every point looks along the maps for the photons that light it; the sums are the same, but nothing is smeared \
+    over what receives. The share is of the last stage.";
+
+/// What is made: by whom, photons along a side, the size of splats.
+const CASES: [[&str; 3]; 8] = [
+    ["gathered", "16", "2"],
+    ["gathered", "32", "2"],
+    ["gathered", "64", "2"],
+    ["gathered", "128", "2"],
+    ["gathered", "64", "1"],
+    ["gathered", "64", "4"],
+    ["splatted", "64", "2"],
+    ["splatted", "64", "1"],
+];
+
+pub(super) fn measure(lab: &Lab) -> Measured {
+    let (size, samples, maps) = match lab.quick {
+        true => ("--size=64x48", "--spp=64", "--ldm-maps=64"),
+        false => ("--size=320x240", "--spp=1024", "--ldm-maps=512"),
+    };
+    let common = [size, "--quantity=indirect", "--materials=lambert"];
+    let (mut rows, mut numbers) = (Vec::new(), Vec::new());
+    let (mut pictures, mut curves) = (Vec::new(), Vec::new());
+    for scene in [sponza(lab), cornell(lab), sibenik(lab)] {
+        let title = scene.title.split(' ').next().unwrap_or_default().to_owned();
+        let reference = ["--technique=reference", "--tracer=bvh", samples];
+        let name = format!("{title}-reference");
+        let truth = lab.render(&name, &scene, &[&common[..], &reference].concat())?;
+        let mut points = Vec::new();
+        for [deposit, raster, splat] in CASES {
+            let flags = [
+                format!("--ldm-deposit={deposit}"),
+                format!("--ldm-photons={raster}"),
+                format!("--ldm-splat-size={splat}"),
+            ];
+            let mut all = [&common[..], &["--technique=ldm", maps]].concat();
+            all.extend(flags.iter().map(String::as_str));
+            let shot = lab.render(&format!("{title}-{deposit}-{raster}-{splat}"), &scene, &all)?;
+            let [error, bias] = lab.compare(&shot, &truth)?;
+            let last = match deposit {
+                "gathered" => "gather",
+                _ => "splat",
+            };
+            let share = shot.pass_seconds(last)? / shot.seconds()?;
+            rows.push(vec![
+                scene.title.clone(),
+                deposit.to_owned(),
+                format!("{raster}²"),
+                splat.to_owned(),
+                percent(error),
+                signed(bias),
+                format!("{:.2} s", shot.seconds()?),
+                percent(share),
+            ]);
+            numbers.push(json!({
+                "scene": scene.title, "deposit": deposit, "raster": raster, "splat_size": splat,
+                "rel_rmse": error, "bias": bias, "share": share, "seconds": shot.seconds()?,
+                "passes": shot.report["passes"], "command": shot.command,
+            }));
+            if deposit == "gathered" && splat == "2" {
+                points.push((raster.parse()?, error));
+            }
+            if raster == "64" && splat == "2" {
+                pictures.push(Picture {
+                    png: lab.png(&shot)?,
+                    left: Some(lab.png(&truth)?),
+                    caption: format!("{}, left the reference, right {deposit}", scene.title),
+                    command: shot.command.clone(),
+                });
+            }
+        }
+        curves.push(Curve {
+            name: scene.title.clone(),
+            points,
+        });
+    }
+    let plot = Plot {
+        title: "relRMSE, gathered",
+        x: "photons along a side",
+        curves,
+    };
+    let head = cells([
+        "scene",
+        "deposit",
+        "photons a face",
+        "splat size",
+        "relRMSE",
+        "bias",
+        "time",
+        "its share",
+    ]);
+    let section = Section {
+        id: "indirect",
+        title: "Fig. 10: indirect light",
+        parts: vec![
+            Part::Text(TEXT.to_owned()),
+            Part::Table { head, rows },
+            Part::Plot(plot.svg()?),
+            Part::Pictures {
+                title: "Pictures".to_owned(),
+                pictures,
+            },
+        ],
+    };
+    Ok((section, Value::Array(numbers)))
+}
