@@ -64,8 +64,8 @@ impl Layers for Map {
     #[inline(always)]
     fn ahead<S: Simd>(&self, simd: S, points: &Question<S>, _: bool) -> (S::Floats, S::Mask) {
         let one = simd.splat_int(1);
-        let mut layer = simd.from_ints(&self.firsts, points.pixels);
-        let end = simd.from_ints(&self.firsts, simd.add_ints(points.pixels, one));
+        let mut layer = simd.gather_ints(&self.firsts, points.pixels);
+        let end = simd.gather_ints(&self.firsts, simd.add_ints(points.pixels, one));
         let none = simd.splat(f32::INFINITY);
         let (mut ahead, mut known) = (none, simd.none());
         loop {
@@ -73,7 +73,7 @@ impl Layers for Map {
             if simd.bits(there) == 0 {
                 return (ahead, known);
             }
-            let depth = simd.from_floats(&self.depths, layer, there, none);
+            let depth = simd.gather_floats(&self.depths, layer, there, none);
             let offset = simd.mul(simd.sub(depth, points.depths), points.signs);
             let here = simd.at_most(simd.abs(offset), points.tolerance);
             known = simd.or(known, simd.and(here, there));
@@ -94,8 +94,8 @@ impl Layers for Extents {
     #[inline(always)]
     fn ahead<S: Simd>(&self, simd: S, points: &Question<S>, surely: bool) -> (S::Floats, S::Mask) {
         let (none, zero) = (simd.splat(f32::INFINITY), simd.splat(0.0));
-        let low = simd.from_floats(&self.lows, points.pixels, points.asking, none);
-        let high = simd.from_floats(&self.highs, points.pixels, points.asking, none);
+        let low = simd.gather_floats(&self.lows, points.pixels, points.asking, none);
+        let high = simd.gather_floats(&self.highs, points.pixels, points.asking, none);
         let (below, above) = (simd.sub(points.depths, low), simd.sub(high, points.depths));
         let (short, tolerance) = (simd.sub(zero, points.tolerance), points.tolerance);
         let known = if surely {

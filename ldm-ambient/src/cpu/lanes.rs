@@ -56,9 +56,9 @@ pub(crate) trait Simd: Copy {
     /// Of numbers below 2³¹.
     fn less_ints(self, a: Self::Ints, b: Self::Ints) -> Self::Mask;
     /// From a table; the last entry for places beyond it. An empty one has zeros.
-    fn from_ints(self, table: &[u32], places: Self::Ints) -> Self::Ints;
+    fn gather_ints(self, table: &[u32], places: Self::Ints) -> Self::Ints;
     /// From a table where the mask is set, and else what is given.
-    fn from_floats(
+    fn gather_floats(
         self,
         table: &[f32],
         places: Self::Ints,

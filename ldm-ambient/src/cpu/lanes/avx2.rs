@@ -40,7 +40,7 @@ fn within(length: usize, places: __m256i) -> Option<__m256i> {
 
 #[inline]
 #[target_feature(enable = "avx2,bmi1")]
-fn from_ints(table: &[u32], places: __m256i) -> __m256i {
+fn gather_ints(table: &[u32], places: __m256i) -> __m256i {
     match within(table.len(), places) {
         // SAFETY: all places are in the table.
         Some(places) => unsafe { _mm256_i32gather_epi32::<4>(table.as_ptr().cast(), places) },
@@ -50,7 +50,7 @@ fn from_ints(table: &[u32], places: __m256i) -> __m256i {
 
 #[inline]
 #[target_feature(enable = "avx2,bmi1")]
-fn from_floats(table: &[f32], places: __m256i, mask: __m256, otherwise: __m256) -> __m256 {
+fn gather_floats(table: &[f32], places: __m256i, mask: __m256, otherwise: __m256) -> __m256 {
     match within(table.len(), places) {
         // SAFETY: all places are in the table.
         Some(places) => unsafe {
@@ -112,9 +112,9 @@ impl Simd for Avx2 {
         less_ints(a: __m256i, b: __m256i) -> __m256 {
             _mm256_castsi256_ps(_mm256_cmpgt_epi32(b, a))
         }
-        from_ints(table: &[u32], places: __m256i) -> __m256i { from_ints(table, places) }
-        from_floats(table: &[f32], places: __m256i, mask: __m256, otherwise: __m256) -> __m256 {
-            from_floats(table, places, mask, otherwise)
+        gather_ints(table: &[u32], places: __m256i) -> __m256i { gather_ints(table, places) }
+        gather_floats(table: &[f32], places: __m256i, mask: __m256, otherwise: __m256) -> __m256 {
+            gather_floats(table, places, mask, otherwise)
         }
     }
 }

@@ -155,13 +155,13 @@ impl Simd for Portable {
     }
 
     #[inline(always)]
-    fn from_ints(self, table: &[u32], places: [u32; LANES]) -> [u32; LANES] {
+    fn gather_ints(self, table: &[u32], places: [u32; LANES]) -> [u32; LANES] {
         let last = table.len().saturating_sub(1);
         places.map(|place| table.get(last.min(place as usize)).copied().unwrap_or(0))
     }
 
     #[inline(always)]
-    fn from_floats(
+    fn gather_floats(
         self,
         table: &[f32],
         places: [u32; LANES],
