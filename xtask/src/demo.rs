@@ -144,7 +144,7 @@ const CONVERGED: Technique = Technique {
 };
 
 /// Every technique there is.
-const TECHNIQUES: [Technique; 4] = [
+const TECHNIQUES: [Technique; 5] = [
     Technique {
         title: "Reference, 4 samples",
         id: "reference-4",
@@ -186,6 +186,7 @@ const TECHNIQUES: [Technique; 4] = [
         id: "ldm",
         arguments: &["--technique", "ldm"],
         quantities: &["ao", "indirect"],
+        scenes: &[],
     },
 ];
 
