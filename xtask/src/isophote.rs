@@ -19,6 +19,7 @@ pub(crate) struct Source {
 }
 
 /// The application, ready to run.
+#[derive(Clone)]
 pub(crate) struct Isophote {
     executable: PathBuf,
 }

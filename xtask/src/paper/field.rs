@@ -12,9 +12,8 @@ use super::{
     page::{Part, Section},
     report::{Measure, Report},
 };
-use crate::isophote::Source;
 
-const REPORT: Report = Report {
+pub(super) const REPORT: Report = Report {
     name: "field",
     title: "Presampled visibility for ambient occlusion",
     intro: "Gaitatzes, Chrysanthou and Papaioannou, Journal of WSCG 2008, made again. Their times are of a Pentium 4 and a \
@@ -33,29 +32,6 @@ const SECTIONS: [(&str, Measure); 7] = [
     ("moving", moving),
     ("parts", parts),
 ];
-
-/// GCP08: displacement fields
-#[derive(clap::Args)]
-pub(crate) struct Arguments {
-    /// Coarse fields and few instances: a look in minutes
-    #[arg(long)]
-    quick: bool,
-    /// On the fastest GPU too: a picture
-    #[arg(long)]
-    gpu: bool,
-    /// Only these sections: pictures, resolutions, objects, together, growth, moving, parts
-    #[arg(long, value_name = "SECTION[,…]", value_delimiter = ',')]
-    only: Vec<String>,
-    #[command(flatten)]
-    source: Source,
-}
-
-/// Measures everything and writes the page.
-pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let isophote = arguments.source.isophote()?;
-    let lab = Lab::new(isophote, REPORT.name, arguments.quick, arguments.gpu)?;
-    REPORT.write(&lab, &arguments.only)
-}
 
 /// A column: its head, where its value is in a line, and what it is multiplied by.
 type Column = (&'static str, &'static str, f64);

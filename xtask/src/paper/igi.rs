@@ -16,9 +16,8 @@ use super::{
     page::Section,
     report::{Measure, Report},
 };
-use crate::isophote::Source;
 
-const REPORT: Report = Report {
+pub(super) const REPORT: Report = Report {
     name: "igi",
     title: "Instant global illumination on the GPU using OptiX",
     intro: "Marques and Santos 2010, made again. Their numbers are of an NVIDIA GTX 480 at 800 × 600 pixels with OptiX 2; ours are \
@@ -34,29 +33,6 @@ const SECTIONS: [(&str, Measure); 5] = [
     ("visibility", visibility::measure),
     ("maps", maps::measure),
 ];
-
-/// MS10: instant global illumination
-#[derive(clap::Args)]
-pub(crate) struct Arguments {
-    /// Small pictures and few rays: a look in a minute
-    #[arg(long)]
-    quick: bool,
-    /// On the fastest GPU too, where the technique runs there
-    #[arg(long)]
-    gpu: bool,
-    /// Only these sections: frames, convergence, artefacts, visibility, maps
-    #[arg(long, value_name = "SECTION[,…]", value_delimiter = ',')]
-    only: Vec<String>,
-    #[command(flatten)]
-    source: Source,
-}
-
-/// Measures everything and writes the page.
-pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let isophote = arguments.source.isophote()?;
-    let lab = Lab::new(isophote, REPORT.name, arguments.quick, arguments.gpu)?;
-    REPORT.write(&lab, &arguments.only)
-}
 
 fn conference(lab: &Lab) -> Scene {
     lab.scene("conference", "Conference", &[], "atrium")

@@ -49,7 +49,7 @@ pub(super) struct Shot {
 
 impl Lab {
     /// An empty folder for the page of that name.
-    pub(super) fn new(isophote: Isophote, name: &str, quick: bool, gpu: bool) -> Result<Self> {
+    pub(super) fn new(isophote: &Isophote, name: &str, quick: bool, gpu: bool) -> Result<Self> {
         let folder = Workspace::load()?.target_directory.join("paper").join(name);
         // Pictures of an earlier run would outlive what they belong to.
         if folder.exists() {
@@ -58,7 +58,7 @@ impl Lab {
         }
         fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
         Ok(Self {
-            isophote,
+            isophote: isophote.clone(),
             folder,
             start: Instant::now(),
             quick,

@@ -9,15 +9,12 @@ mod memory;
 mod table1;
 mod truth;
 
-use anyhow::Result;
-
 use super::{
     lab::{Lab, Scene},
     report::{Measure, Report},
 };
-use crate::isophote::Source;
 
-const REPORT: Report = Report {
+pub(super) const REPORT: Report = Report {
     name: "ldi",
     title: "Fast indirect illumination using layered depth images",
     intro: "Nießner, Schäfer and Stamminger, The Visual Computer 26, 2010, made again. Their numbers are of an \
@@ -27,22 +24,6 @@ const REPORT: Report = Report {
     sections: &SECTIONS,
 };
 
-/// NSS10: layered depth images
-#[derive(clap::Args)]
-pub(crate) struct Arguments {
-    /// Small pictures, few rays, coarse maps: a look in minutes
-    #[arg(long)]
-    quick: bool,
-    /// Table 1 on the fastest GPU too
-    #[arg(long)]
-    gpu: bool,
-    /// Only these sections: table-1, truth, memory, filter, figures, growth
-    #[arg(long, value_name = "SECTION[,…]", value_delimiter = ',')]
-    only: Vec<String>,
-    #[command(flatten)]
-    source: Source,
-}
-
 const SECTIONS: [(&str, Measure); 6] = [
     ("table-1", table1::measure),
     ("truth", truth::measure),
@@ -51,13 +32,6 @@ const SECTIONS: [(&str, Measure); 6] = [
     ("figures", figures::measure),
     ("growth", growth::measure),
 ];
-
-/// Measures everything and writes the page.
-pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let isophote = arguments.source.isophote()?;
-    let lab = Lab::new(isophote, REPORT.name, arguments.quick, arguments.gpu)?;
-    REPORT.write(&lab, &arguments.only)
-}
 
 fn sponza(lab: &Lab) -> Scene {
     lab.scene("sponza_dabrovic", "Sponza", &[], "atrium")

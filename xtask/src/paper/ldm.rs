@@ -14,9 +14,8 @@ use super::{
     page::Section,
     report::{Measure, Report},
 };
-use crate::isophote::Source;
 
-const REPORT: Report = Report {
+pub(super) const REPORT: Report = Report {
     name: "ldm",
     title: "Deterministically directed layered depth maps",
     intro: "Aalund, Frisvad and Bærentzen, EGSR Experimental Ideas & Implementations 2015, made again. Their times are of an \
@@ -32,26 +31,6 @@ const SECTIONS: [(&str, Measure); 4] = [
     ("memory", speed::measure_memory),
     ("indirect", indirect::measure),
 ];
-
-/// AFB15: layered depth maps along fixed directions
-#[derive(clap::Args)]
-pub(crate) struct Arguments {
-    /// Small pictures, few samples and maps: a look in minutes
-    #[arg(long)]
-    quick: bool,
-    /// Only these sections: ao, speed, memory, indirect
-    #[arg(long, value_name = "SECTION[,…]", value_delimiter = ',')]
-    only: Vec<String>,
-    #[command(flatten)]
-    source: Source,
-}
-
-/// Measures everything and writes the page.
-pub(crate) fn run(arguments: &Arguments) -> Result<()> {
-    let isophote = arguments.source.isophote()?;
-    let lab = Lab::new(isophote, REPORT.name, arguments.quick, false)?;
-    REPORT.write(&lab, &arguments.only)
-}
 
 fn sponza(lab: &Lab) -> Scene {
     lab.scene("sponza_dabrovic", "Sponza", &[], "atrium")

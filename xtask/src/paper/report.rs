@@ -22,8 +22,8 @@ pub(super) struct Report {
 }
 
 impl Report {
-    /// Measures the sections named, or all where none is, and writes the page.
-    pub(super) fn write(&self, lab: &Lab, only: &[String]) -> Result<()> {
+    /// Refuses names that no section has.
+    pub(super) fn check(&self, only: &[String]) -> Result<()> {
         for name in only {
             if !self.sections.iter().any(|section| section.0 == name) {
                 let known: Vec<&str> = self.sections.iter().map(|section| section.0).collect();
@@ -33,6 +33,11 @@ impl Report {
                 );
             }
         }
+        Ok(())
+    }
+
+    /// Measures the sections named, or all where none is, and writes the page.
+    pub(super) fn write(&self, lab: &Lab, only: &[String]) -> Result<()> {
         let machine = Machine::current();
         let mut sections = Vec::new();
         let mut numbers = Map::new();
