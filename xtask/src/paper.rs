@@ -1,7 +1,7 @@
 //! `cargo xtask paper`: what a paper showed, made again, with its numbers beside ours.
 //!
 //! Each page is one HTML file with its pictures inside, and the same numbers as JSON beside it. Everything is measured
-//! by `isophote` and by the crates' own benches; here it is only put together. A page is a [`Report`](report::Report), one
+//! by `isophote` and by the crates' own benches; here it is only put together. A page is a [`Report`], one
 //! file a section.
 
 mod field;
