@@ -28,9 +28,10 @@ use isophote_scene::{
 
 const SIZE: [u32; 2] = [48, 36];
 const COUNT: usize = (SIZE[0] * SIZE[1]) as usize;
-/// How far two pictures may be apart, as relRMSE. Rasterisers round where corners are to 1/256 of a pixel, which moves an
-/// edge across one look-up in a thousand; of 70 directions each counts for much, and the more there are the less.
-const MOST: f32 = 0.01;
+/// How far two pictures may be apart, as relRMSE.
+const MOST: f32 = 0.005;
+/// The same where thin things are seen from far: rasterisers round where corners are to 1/256 of a pixel.
+const MOST_OF_OFFICE: f32 = 0.01;
 
 fn params(d_max: f32) -> OcclusionParams {
     OcclusionParams {
@@ -184,7 +185,11 @@ fn occlusion_is_that_of_the_cpu() {
                 &format!("{name}, d_max {d_max}"),
                 &found[0],
                 &expected,
-                MOST,
+                if (name, d_max) == ("office", f32::INFINITY) {
+                    MOST_OF_OFFICE
+                } else {
+                    MOST
+                },
             );
             assert_eq!(
                 found[0], found[1],
