@@ -44,7 +44,7 @@ use self::{
     work::Work,
 };
 use crate::{
-    applies::{Idle, ids},
+    applies::Idle,
     output::{PROGRAM, Voice, has_suffix, timed},
     scene_args::{SceneArgs, note_moving, require_geometry, require_light},
     technique::TechniqueChoice,
@@ -72,6 +72,8 @@ pub(crate) const COVERAGE: &str = "coverage";
 /// Bake occlusion or light into a glTF file.
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
+// Maps are drawn around receivers that are computed together, and these are finer than pixels.
+#[command(mut_arg("ldm_resolution", |arg| arg.default_value("400")))]
 pub(crate) struct BakeArgs {
     /// A .glb or .gltf file
     scene: String,
@@ -134,8 +136,6 @@ pub(crate) struct BakeArgs {
     #[command(flatten)]
     tracer_args: TracerArgs,
     #[command(flatten)]
-    ldm: light::LdmArgs,
-    #[command(flatten)]
     changes: SceneArgs,
 }
 
@@ -179,15 +179,12 @@ impl Sites {
 impl BakeArgs {
     /// Flags that have no effect beside the others.
     pub(crate) fn idle(&self) -> Vec<Idle> {
-        let mut idle = self.tracer_args.idle(self.tracer);
+        let mut idle = self.tracer_args.idle(self.tracer, self.technique);
         if self.technique == TechniqueChoice::Ldm {
             let why = "the technique ldm counts maps: --ldm-maps";
             idle.extend(Idle::all(["samples"], why));
             let why = "the technique ldm traces no rays";
             idle.extend(Idle::all(["tracer"], why));
-        } else {
-            let why = "it is for --technique ldm";
-            idle.extend(Idle::all(ids::<light::LdmArgs>(), why));
         }
         match self.to {
             Target::Vertices => {

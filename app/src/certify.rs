@@ -28,6 +28,7 @@ use crate::{
     rays::{self, RayKind},
     reference::{Ground, Order},
     scene_args::{SceneArgs, choose_camera, note_moving, require_geometry, require_light},
+    technique::TechniqueChoice,
     tracers::{AnyTracer, Choice, Device, Plan, TracerArgs, TracerChoice, choose},
     values,
 };
@@ -170,7 +171,12 @@ struct Noise {
 
 pub(crate) fn certify(args: &CertifyArgs, given: &ArgMatches) -> Result<()> {
     let voice = Voice::new(args.quiet);
-    refuse(&args.tracer_args.idle(Some(args.tracer)), given)?;
+    refuse(
+        &args
+            .tracer_args
+            .idle(Some(args.tracer), TechniqueChoice::Reference),
+        given,
+    )?;
     for path in &args.output {
         ensure!(
             has_suffix(path, &["exr", "png"]),
@@ -460,6 +466,7 @@ impl CertifyArgs {
             settings: &settings,
             selection: plan.selection,
             min_d: None,
+            maps: plan.args.depth_maps.params(),
         };
         let bar = voice.bar();
         let made = ground.render(plan.scene, order, &advance(&bar));

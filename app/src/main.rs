@@ -10,6 +10,7 @@ mod bake;
 mod caster;
 mod certify;
 mod compare;
+mod depth_maps;
 mod devices;
 mod display;
 mod fields;

@@ -312,6 +312,7 @@ impl<'a> Lab<'a> {
             settings,
             selection: self.selection,
             min_d: None,
+            maps: self.args.tracer_args.depth_maps.params(),
         }
     }
 

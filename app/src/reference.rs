@@ -6,6 +6,7 @@ use anyhow::Result;
 #[cfg(not(feature = "gpu"))]
 use anyhow::bail;
 use glam::Vec3;
+use isophote_ldm_ambient::MapParams;
 #[cfg(feature = "gpu")]
 use isophote_scene::{
     Answers,
@@ -54,6 +55,8 @@ pub(crate) struct Order<'a> {
     pub(crate) selection: &'a Selection,
     /// The bounding distance, where one was asked for, metres.
     pub(crate) min_d: Option<f32>,
+    /// The layered depth maps of the technique `ldm`.
+    pub(crate) maps: MapParams,
 }
 
 /// A picture, what else is to be seen of how it was made, and how long each pass took by the GPU's clock.

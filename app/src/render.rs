@@ -192,7 +192,7 @@ struct Seconds {
 impl RenderArgs {
     /// Flags that have no effect beside the others.
     pub(crate) fn idle(&self) -> Vec<Idle> {
-        let mut idle = self.tracer_args.idle(self.tracer());
+        let mut idle = self.tracer_args.idle(self.tracer(), self.technique);
         idle.extend(self.techniques.idle(self.technique));
         idle
     }
@@ -236,6 +236,7 @@ impl RenderArgs {
             settings,
             selection,
             min_d: self.min_d,
+            maps: self.tracer_args.depth_maps.params(),
         }
     }
 }

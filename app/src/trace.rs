@@ -15,6 +15,7 @@ use crate::{
     output::{PROGRAM, Program, Voice, has_suffix, memory_peak_bytes, print, print_json, timed},
     rays::{self, RayKind},
     scene_args::{SceneArgs, choose_camera, note_moving, require_geometry},
+    technique::TechniqueChoice,
     tracers::{AnyTracer, Device, Plan, TracerArgs, choose},
     values,
 };
@@ -125,7 +126,12 @@ struct Report<'a> {
 
 pub(crate) fn trace(args: &TraceArgs, given: &ArgMatches) -> Result<()> {
     let voice = Voice::new(args.quiet);
-    refuse(&args.tracer_args.idle(args.tracer), given)?;
+    refuse(
+        &args
+            .tracer_args
+            .idle(args.tracer, TechniqueChoice::Reference),
+        given,
+    )?;
     ensure!(
         has_suffix(&args.output, &["npy"]),
         "{}: unknown suffix; .npy is known",

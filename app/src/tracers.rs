@@ -13,8 +13,10 @@ use isophote_scene::{
 
 use crate::{
     applies::{Idle, ids},
+    depth_maps::DepthMapArgs,
     fields::FieldArgs,
     maps::{LdiArgs, MapsInfo},
+    technique::TechniqueChoice,
 };
 
 /// Who answers rays.
@@ -30,6 +32,8 @@ pub(crate) enum TracerChoice {
     Ldi,
     /// Displacement fields: see --field-rings
     Field,
+    /// Layered depth maps: see --ldm-maps
+    Ldm,
 }
 
 /// Who answers rays, wherever.
@@ -45,6 +49,8 @@ pub(crate) enum AnyTracer {
     Ldi,
     /// CPU or GPU: displacement fields around objects, distances only: see --field-rings
     Field,
+    /// CPU: layered depth maps along fixed directions, of which the nearest answers, distances only: see --ldm-maps
+    Ldm,
     /// GPU: exact, by a bounding volume hierarchy
     ComputeBvh,
     /// GPU: exact, by the GPU's own ray tracing
@@ -81,6 +87,7 @@ impl AnyTracer {
             Self::Ldi => Choice::Cpu(TracerChoice::Ldi),
             Self::Field if on_gpu => Choice::Gpu(GpuTracerChoice::Field),
             Self::Field => Choice::Cpu(TracerChoice::Field),
+            Self::Ldm => Choice::Cpu(TracerChoice::Ldm),
             Self::ComputeBvh => Choice::Gpu(GpuTracerChoice::ComputeBvh),
             Self::RayQuery => Choice::Gpu(GpuTracerChoice::RayQuery),
             Self::Boxes => Choice::Gpu(GpuTracerChoice::Boxes),
@@ -114,10 +121,10 @@ impl Choice {
     /// What its answers hold.
     pub(crate) fn answers(self) -> Answers {
         match self {
-            Self::Cpu(TracerChoice::BvhBoxes | TracerChoice::Field)
-            | Self::Gpu(GpuTracerChoice::Boxes | GpuTracerChoice::ComputeBoxes) => {
-                Answers::Distance
-            }
+            Self::Cpu(TracerChoice::BvhBoxes | TracerChoice::Field | TracerChoice::Ldm)
+            | Self::Gpu(
+                GpuTracerChoice::Boxes | GpuTracerChoice::ComputeBoxes | GpuTracerChoice::Field,
+            ) => Answers::Distance,
             _ => Answers::Surface,
         }
     }
@@ -196,6 +203,8 @@ pub(crate) struct TracerArgs {
     pub(crate) ldi: LdiArgs,
     #[command(flatten)]
     pub(crate) field: FieldArgs,
+    #[command(flatten)]
+    pub(crate) depth_maps: DepthMapArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -234,8 +243,8 @@ impl TracerArgs {
         self.ldi.check(matches!(choice, Choice::Gpu(_)))
     }
 
-    /// Flags that have no effect with a tracer.
-    pub(crate) fn idle(&self, tracer: Option<AnyTracer>) -> Vec<Idle> {
+    /// Flags that have no effect with a tracer and a technique.
+    pub(crate) fn idle(&self, tracer: Option<AnyTracer>, technique: TechniqueChoice) -> Vec<Idle> {
         let mut idle = if tracer == Some(AnyTracer::Ldi) {
             self.ldi.idle()
         } else {
@@ -246,6 +255,7 @@ impl TracerArgs {
         } else {
             idle.extend(Idle::all(ids::<FieldArgs>(), "it is for the tracer field"));
         }
+        idle.extend(DepthMapArgs::idle(tracer, technique));
         idle
     }
 }
@@ -281,6 +291,7 @@ impl TracerChoice {
             Self::BruteForce => build::<BruteForceTracer>(plan, &()),
             Self::Ldi => plan.args.ldi.build(plan),
             Self::Field => plan.args.field.build(plan),
+            Self::Ldm => plan.args.depth_maps.build(plan),
         }
     }
 }

@@ -12,8 +12,9 @@ use isophote_displacement_field::{
     gpu::FieldGpuTracer,
 };
 use isophote_scene::{
-    Hit, Instance, InstanceMask, Material, Ray, Scene, Selection, Tracer,
-    gpu::{Context, GpuScene, RayBatch},
+    Camera, Hit, Instance, InstanceMask, Material, Ray, Scene, Selection, Tracer,
+    gpu::{self, BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, RayBatch},
+    reference::{Quantity, Settings, Tracers, render},
     sample::{Sampler, uniform_sphere},
 };
 
@@ -180,4 +181,58 @@ fn the_gpu_finds_what_the_cpu_finds() {
             );
         }
     }
+}
+
+/// Most pixels are of surfaces that have a field of their own, whose error must not shadow them.
+#[test]
+fn objects_look_alike_under_their_own_fields() {
+    let Some(context) = Context::for_tests() else {
+        return;
+    };
+    let scene = scene(8);
+    let others = part(&scene, false);
+    let params = FieldParams {
+        positions: Positions::Slater { rings: 12 },
+        ..FieldParams::default()
+    };
+    let fields = fields(&scene, &params, LookUp::Interpolated);
+    let exact = support::exact(&scene);
+    let cpu = Together(fields.clone(), support::exact(&others));
+    let selection = Selection::default();
+    let field = FieldGpuTracer::new(&context, fields, Some((others, selection))).unwrap();
+    let gpu_exact = ComputeBvhTracer::build(&context, &scene, &selection, &()).unwrap();
+    let gpu_scene = GpuScene::new(&context, &scene).unwrap();
+
+    let camera = Camera::look_at("above", Vec3::new(0.0, 9.0, 9.0), Vec3::ZERO, 0.9);
+    let (size, settings) = (
+        [48, 36],
+        Settings {
+            samples: 16,
+            d_max: 2.0,
+            ..Settings::default()
+        },
+    );
+    let quantities = [Quantity::Ao];
+    let tracers = Tracers {
+        exact: &exact,
+        secondary: &cpu,
+    };
+    let none = &|_, _| {};
+    let expected = render(&scene, tracers, &camera, size, &quantities, &settings, none).unwrap();
+    let world = gpu::reference::World {
+        scene: &scene,
+        gpu_scene: &gpu_scene,
+        exact: &gpu_exact,
+        secondary: &field,
+    };
+    let mut integrator = gpu::reference::Integrator::new(&context);
+    let found = integrator
+        .render(world, &camera, size, &quantities, &settings, none)
+        .unwrap();
+    let (found, expected) = (&found.estimates[0].values, &expected.estimates[0].values);
+    let pairs = found.iter().zip(expected);
+    let squares: f32 = pairs.map(|(a, b)| (a.x - b.x).powi(2)).sum();
+    let rms = 255.0 * (squares / found.len() as f32).sqrt();
+    eprintln!("ao: rms {rms} grey levels");
+    assert!(rms < 1.0, "{rms} grey levels");
 }

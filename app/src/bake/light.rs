@@ -10,7 +10,6 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail, ensure};
-use clap::Args;
 use glam::{UVec3, Vec3};
 use isophote_ldm_ambient::{
     MapParams, OcclusionParams,
@@ -33,21 +32,6 @@ use crate::technique::TechniqueChoice;
 const REFERENCE_PIECE: usize = 1 << 12;
 const LDM_PIECE: usize = 1 << 18;
 
-/// How the technique `ldm` bakes.
-#[derive(Args, Clone, Debug)]
-#[command(next_help_heading = "The technique ldm")]
-pub(super) struct LdmArgs {
-    /// Maps; each answers for two opposite directions
-    #[arg(long, value_name = "N", default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
-    pub(super) ldm_maps: u32,
-    /// A map has at most R² pixels, around the receivers that are computed together
-    #[arg(long, value_name = "R", default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..=4096))]
-    pub(super) ldm_resolution: u32,
-    /// What is nearer is the surface itself [pixels of a map]
-    #[arg(long, value_name = "PIXELS", default_value_t = MapParams::default().tolerance, value_parser = crate::values::not_negative)]
-    pub(super) ldm_tolerance: f32,
-}
-
 /// What is to be computed, and how.
 pub(super) struct Light<'a> {
     pub(super) scene: &'a Scene,
@@ -56,7 +40,8 @@ pub(super) struct Light<'a> {
     pub(super) technique: TechniqueChoice,
     pub(super) quantity: Quantity,
     pub(super) settings: Settings,
-    pub(super) ldm: &'a LdmArgs,
+    /// Of the technique `ldm`.
+    pub(super) maps: MapParams,
 }
 
 /// What came of some pieces.
@@ -231,12 +216,7 @@ impl Light<'_> {
             receiver.index = index;
         }
         let params = OcclusionParams {
-            maps: MapParams {
-                maps: self.ldm.ldm_maps,
-                resolution: self.ldm.ldm_resolution,
-                tolerance: self.ldm.ldm_tolerance,
-                ..MapParams::default()
-            },
+            maps: self.maps,
             d_max: self.settings.d_max,
             frames: 1,
             seed: self.settings.seed,

@@ -88,7 +88,7 @@ impl Work<'_> {
             technique: args.technique,
             quantity: args.quantity,
             settings: args.settings(),
-            ldm: &args.ldm,
+            maps: args.tracer_args.depth_maps.params(),
         };
         let bar = self.voice.bar();
         let advance = |done: u64, total: u64| {

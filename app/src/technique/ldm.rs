@@ -10,7 +10,7 @@ use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
 use isophote_ldm_ambient::{
-    Deposit, MapParams, OcclusionParams, PhotonParams, Photons,
+    Deposit, OcclusionParams, PhotonParams, Photons,
     cpu::{
         Points, Triangles,
         hbao::{HbaoParams, hbao},
@@ -33,15 +33,6 @@ use crate::{
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "The technique ldm")]
 pub(crate) struct LdmTechnique {
-    /// Maps; each answers for two opposite directions
-    #[arg(long, value_name = "N", default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
-    ldm_maps: u32,
-    /// A map has at most R² pixels
-    #[arg(long, value_name = "R", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=4096))]
-    ldm_resolution: u32,
-    /// What is nearer is the surface itself [pixels of a map]
-    #[arg(long, value_name = "PIXELS", default_value_t = MapParams::default().tolerance, value_parser = crate::values::not_negative)]
-    ldm_tolerance: f32,
     /// Points a pixel, which share the maps; more of them soften edges at the same cost
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=64))]
     ldm_samples: u32,
@@ -93,18 +84,9 @@ struct Found {
 }
 
 impl LdmTechnique {
-    fn maps(&self) -> MapParams {
-        MapParams {
-            maps: self.ldm_maps,
-            resolution: self.ldm_resolution,
-            tolerance: self.ldm_tolerance,
-            ..MapParams::default()
-        }
-    }
-
     fn occlusion(&self, order: &Order<'_>) -> OcclusionParams {
         OcclusionParams {
-            maps: self.maps(),
+            maps: order.maps,
             d_max: order.settings.d_max,
             frames: self.ldm_frames,
             seed: order.settings.seed,
@@ -273,7 +255,7 @@ impl LdmTechnique {
     fn photons(&self, order: &Order<'_>) -> PhotonParams {
         let fine = PhotonParams::default();
         PhotonParams {
-            maps: self.maps(),
+            maps: order.maps,
             raster: self.ldm_photons,
             splat_size: self.ldm_splat_size,
             deposit: match self.ldm_deposit {
@@ -327,9 +309,10 @@ impl LdmTechnique {
         let pixels = order.size[0] as usize * order.size[1] as usize;
         let kinds = (order.settings.normals, order.settings.materials);
         let mut photons = Photons::emit(triangles, exact, &self.photons(order))?;
-        let samples = self.ldm_samples.min(self.ldm_maps);
+        let maps = order.maps.maps;
+        let samples = self.ldm_samples.min(maps);
         // Where nothing is seen there is no light: the mean cosine over a hemisphere is a half.
-        let missing = 0.5 * self.ldm_maps as f32 / samples as f32;
+        let missing = 0.5 * maps as f32 / samples as f32;
         let nothing = (Vec3::ZERO, Vec3::ZERO, missing * samples as f32);
         let mut sums = vec![nothing; pixels];
         for sample in 0..samples {

@@ -53,14 +53,30 @@ fn bumps(triangles: usize) -> Mesh {
     mesh
 }
 
+/// Times each is measured, in turns: what slows the machine for a moment then slows no one alone.
+const ROUNDS: usize = 8;
+
 pub(crate) fn measure(counts: &[usize]) {
-    for &count in counts {
-        let corner = Corner::of("bumps", Arc::new(bumps(count)));
+    let corners: Vec<Corner> = counts
+        .iter()
+        .map(|&count| Corner::of("bumps", Arc::new(bumps(count))))
+        .collect();
+    let measured = corners.iter().map(|corner| {
         let (field, build_seconds) = corner.field(&FieldParams::default());
         let bytes = field.bytes();
         let tracer = corner.tracer(Object::new(field), LookUp::Aimed);
         let rays = corner.rays(Directions::Concentric).rays;
-        let (field, exact) = (rate(&tracer, &rays), rate(corner.exact(), &rays));
+        (corner, tracer, rays, build_seconds, bytes)
+    });
+    let measured: Vec<_> = measured.collect();
+    let mut rates = vec![[0.0_f64; 2]; counts.len()];
+    for _ in 0..ROUNDS {
+        for ((corner, tracer, rays, ..), best) in measured.iter().zip(&mut rates) {
+            best[0] = best[0].max(rate(tracer, rays));
+            best[1] = best[1].max(rate(corner.exact(), rays));
+        }
+    }
+    for ((corner, _, _, build_seconds, bytes), [field, exact]) in measured.iter().zip(rates) {
         let report = json!({
             "scene": "bumps",
             "triangles": corner.triangles(),

@@ -156,7 +156,12 @@ pub(super) fn tree_words(
             Some(placed) => {
                 words.extend(placed.to_unit.map(|row| row.map(f32::to_bits)));
                 let number = fields.number(&placed.field);
-                words.push([number, placed.lift().to_bits(), 0, 0]);
+                words.push([
+                    number,
+                    placed.lift().to_bits(),
+                    placed.slack.to_bits(),
+                    placed.instance,
+                ]);
             }
             None => {
                 let (triangle, masked) = &triangles[item - placed.len()];

@@ -1,9 +1,8 @@
 //! Who answers rays on the GPU.
 //!
-//! A tracer is a WESL module with `closest_hit(ray: Ray) -> Hit`, `any_hit(ray: Ray) -> bool` and
-//! `tolerance(point: vec3f) -> f32`, and the bind group that it reads. A shader imports those names from the package
-//! `tracer`, so that it never learns who answers;
-//! [`RayBatch`](super::RayBatch) asks about rays in bulk.
+//! A tracer is a WESL module with the functions that [`GpuTracer`] lists, and the bind group that it reads. A shader imports
+//! their names from the package `tracer`, so that it never learns who answers; [`RayBatch`](super::RayBatch) asks about rays in
+//! bulk.
 
 pub(crate) mod batch;
 pub(crate) mod binding;
@@ -19,9 +18,11 @@ use crate::{Answers, Result, Scene, Selection};
 
 /// Answers visibility queries in shaders. Rays that are not valid miss.
 ///
-/// Its module exports `closest_hit(ray: Ray) -> Hit` and `any_hit(ray: Ray) -> bool` with the types of `scene::ray`, and
-/// `tolerance(point: vec3f) -> f32`, which is [`Tracer::tolerance`](crate::Tracer::tolerance): 0 for exact tracers. It binds
-/// at most two storage buffers, all as group 1, and may read the scene's data in group 2.
+/// Its module exports `closest_hit(ray: Ray) -> Hit` and `any_hit(ray: Ray) -> bool` with the types of `scene::ray`;
+/// `closest_hit_from(ray: Ray, instance: u32) -> Hit` and `any_hit_from(ray: Ray, instance: u32) -> bool` for rays that start
+/// on an instance, of which what is nearer than the tracer's own error does not count; and `tolerance(point: vec3f) -> f32`,
+/// which is [`Tracer::tolerance`](crate::Tracer::tolerance): 0 for exact tracers. It binds at most two storage buffers, all as
+/// group 1, and may read the scene's data in group 2.
 pub trait GpuTracer: Send + Sync {
     /// The name by which it is asked for on the command line.
     fn name(&self) -> &'static str;
