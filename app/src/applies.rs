@@ -6,7 +6,7 @@ use clap::{ArgMatches, Args, Command, parser::ValueSource};
 /// A flag without effect, by its id, and why.
 pub(crate) struct Idle {
     pub(crate) id: String,
-    why: String,
+    pub(crate) why: String,
 }
 
 impl Idle {

@@ -425,28 +425,44 @@ impl Report {
     }
 }
 
-/// A PNG is white where the error is as large as the reference's mean, or 64 grey levels.
+/// Where two pictures differ, in false colour, and what the lightest colour stands for: 64 grey levels or the reference's
+/// mean.
+pub(crate) fn error_colors(
+    size: [u32; 2],
+    test: &[Vec3],
+    reference: &[Vec3],
+    grey: bool,
+) -> (Vec<Vec3>, f32) {
+    let full = if grey {
+        64.0 / 255.0
+    } else {
+        Errors::of(test, reference).mean_reference as f32
+    };
+    let differences = test.iter().zip(reference).map(|(a, b)| *a - *b);
+    let values: Vec<f32> = differences
+        .map(|difference| difference.abs().max_element() / full)
+        .collect();
+    (false_color(size, &values), full)
+}
+
 fn write_error_image(
     path: &Path,
     report: &Report,
     test: &[Vec3],
     reference: &[Vec3],
 ) -> Result<()> {
-    let differences = test.iter().zip(reference).map(|(a, b)| *a - *b);
     let mut image = Image::new(report.width, report.height);
     if crate::output::has_suffix(path, &["exr"]) {
+        let differences = test.iter().zip(reference).map(|(a, b)| *a - *b);
         image.push_layer("", "RGB", &differences.collect::<Vec<_>>());
     } else {
-        let (full, said) = if report.grey() {
-            (64.0 / 255.0, "64 grey levels".to_owned())
+        let size = [report.width, report.height];
+        let (colors, full) = error_colors(size, test, reference, report.grey());
+        let said = if report.grey() {
+            "64 grey levels".to_owned()
         } else {
-            let mean = report.errors.mean_reference as f32;
-            (mean, format!("{mean} (the reference's mean)"))
+            format!("{full} (the reference's mean)")
         };
-        let values: Vec<f32> = differences
-            .map(|difference| difference.abs().max_element() / full)
-            .collect();
-        let colors = false_color([report.width, report.height], &values);
         image.push_layer("", "RGB", &colors);
         image
             .attributes

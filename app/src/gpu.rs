@@ -1,5 +1,7 @@
 //! A scene on a GPU, and who answers rays there.
 
+use std::sync::OnceLock;
+
 use anyhow::Result;
 use isophote_ldi::gpu::LdiGpuTracer;
 use isophote_scene::{
@@ -28,9 +30,14 @@ pub(crate) struct Gpu {
 
 /// Whether there is a GPU that is hardware.
 pub(crate) fn has_hardware() -> bool {
-    isophote_scene::gpu::adapters()
-        .iter()
-        .any(|adapter| !adapter.is_software())
+    // Whoever is asked often, as the viewer is, need not look often.
+    static FOUND: OnceLock<bool> = OnceLock::new();
+    let found = || {
+        isophote_scene::gpu::adapters()
+            .iter()
+            .any(|adapter| !adapter.is_software())
+    };
+    *FOUND.get_or_init(found)
 }
 
 impl Gpu {

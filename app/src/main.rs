@@ -25,6 +25,7 @@ mod metrics;
 mod npy;
 mod output;
 mod pairs;
+mod picture;
 mod rays;
 mod reference;
 mod render;
@@ -35,6 +36,8 @@ mod technique;
 mod trace;
 mod tracers;
 mod values;
+#[cfg(feature = "viewer")]
+mod view;
 
 use std::{
     collections::BTreeMap,
@@ -87,6 +90,8 @@ enum Commands {
     Compare(compare::CompareArgs),
     Show(show::ShowArgs),
     Info(info::InfoArgs),
+    #[cfg(feature = "viewer")]
+    View(view::ViewArgs),
     Devices(devices::DevicesArgs),
 }
 
@@ -122,7 +127,7 @@ fn run(arguments: Vec<OsString>) -> Result<ExitCode> {
             Err(error) => return refuse(&error),
         };
         let idle = match Cli::from_arg_matches(&all)?.command {
-            Commands::Render(args) => args.idle(),
+            Commands::Render(args) => args.picture.idle(),
             Commands::Bake(args) => args.idle(),
             _ => Vec::new(),
         };
@@ -136,7 +141,7 @@ fn run(arguments: Vec<OsString>) -> Result<ExitCode> {
     match &cli.command {
         Commands::Render(args) => {
             use_threads(args.threads)?;
-            let idle = args.idle();
+            let idle = args.picture.idle();
             applies::refuse(&idle, given)?;
             let stored = settings::store(subcommand(&command, name)?, given, &idle);
             render::render(args, stored)?;
@@ -163,6 +168,11 @@ fn run(arguments: Vec<OsString>) -> Result<ExitCode> {
         Commands::Compare(args) => return compare::compare(args),
         Commands::Show(args) => show::show(args)?,
         Commands::Info(args) => info::info(args)?,
+        #[cfg(feature = "viewer")]
+        Commands::View(args) => {
+            use_threads(args.threads)?;
+            view::view(args, given)?;
+        }
         Commands::Devices(args) => devices::devices(args)?,
     }
     Ok(ExitCode::SUCCESS)
@@ -176,7 +186,7 @@ fn parse(command: &Command, arguments: &[OsString]) -> clap::error::Result<ArgMa
 fn stored_settings(name: &str, given: &ArgMatches) -> Result<Option<BTreeMap<String, String>>> {
     let path = |id| given.get_one::<std::path::PathBuf>(id);
     match name {
-        "render" => path("settings").map(|path| stored_header(path)).transpose(),
+        "render" | "view" => path("settings").map(|path| stored_header(path)).transpose(),
         "bake" => path("merge")
             .map(|path| bake::settings_of_part(path))
             .transpose(),
@@ -211,16 +221,19 @@ fn refuse(error: &clap::Error) -> Result<ExitCode> {
             error.print()?;
             Ok(ExitCode::from(error.exit_code() as u8))
         }
-        _ => {
-            let text = error.to_string();
-            let told = text.lines().take_while(|line| !line.starts_with("Usage:"));
-            let told: Vec<&str> = told
-                .filter(|line| !line.starts_with("For more information"))
-                .collect();
-            let text = one_line(&told.join("\n")).replace(" tip: ", "; ");
-            anyhow::bail!("{}", text.strip_prefix("error: ").unwrap_or(&text))
-        }
+        _ => anyhow::bail!("{}", told(error)),
     }
+}
+
+/// What is wrong with the arguments, in a line.
+fn told(error: &clap::Error) -> String {
+    let text = error.to_string();
+    let told = text.lines().take_while(|line| !line.starts_with("Usage:"));
+    let told: Vec<&str> = told
+        .filter(|line| !line.starts_with("For more information"))
+        .collect();
+    let text = one_line(&told.join("\n")).replace(" tip: ", "; ");
+    text.strip_prefix("error: ").unwrap_or(&text).to_owned()
 }
 
 /// An error with its causes; many an error's text ends with its cause's already.

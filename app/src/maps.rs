@@ -79,6 +79,12 @@ impl LdiArgs {
         }
     }
 
+    /// Whether the share of rays that are asked for again is one of those around the camera.
+    #[cfg(feature = "viewer")]
+    pub(crate) fn depends_on_camera(&self) -> bool {
+        matches!(self.ldi_exact, Some(Dial::Share(_)))
+    }
+
     /// Whether the maps come from or go to a file.
     #[cfg(feature = "gpu")]
     pub(crate) fn has_file(&self) -> bool {

@@ -60,6 +60,7 @@ pub(crate) struct Order<'a> {
 }
 
 /// A picture, what else is to be seen of how it was made, and how long each pass took by the GPU's clock.
+#[derive(Clone)]
 pub(crate) struct Made {
     pub(crate) render: Render,
     /// RGB by the names of layers.

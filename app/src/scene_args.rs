@@ -16,7 +16,7 @@ use isophote_scene::{
 use crate::{
     output::Voice,
     tracers::AnyTracer,
-    values::{self, Addition, Bounds, EnvironmentChoice, MaterialOverride},
+    values::{self, Addition, Bounds, EnvironmentChoice, MaterialOverride, Shift},
 };
 
 /// What is changed in a scene before anything is done with it; few files have all that a method needs.
@@ -44,6 +44,10 @@ pub(crate) struct SceneArgs {
     /// Show animated things where they are at this time [seconds]
     #[arg(long, value_name = "SECONDS", value_parser = values::finite, allow_hyphen_values = true)]
     time: Option<f32>,
+    /// Move a light or an object, by its name or as light#N or object#N (counted from 0), by so much [metres], and turn it
+    /// about its own X axis (PITCH) and then about +Y (YAW) where it is [degrees]; may be repeated
+    #[arg(long = "move", value_name = "NAME=X,Y,Z[,YAW[,PITCH]]", value_parser = values::shift)]
+    moves: Vec<Shift>,
     /// The scene to take from a glTF file that holds several, by name or number from 0; its default scene otherwise
     #[arg(long, value_name = "NAME|NUMBER")]
     gltf_scene: Option<String>,
@@ -55,19 +59,35 @@ pub(crate) struct SceneArgs {
 impl SceneArgs {
     /// Loads the scene, changes it, and says what the loader had to say.
     pub(crate) fn load(&self, scene: &str, voice: Voice) -> Result<Scene> {
-        self.changed(self.load_one(scene)?, voice)
+        let mut scene = self.load_unmoved(scene, voice)?;
+        self.place(&mut scene)?;
+        Ok(scene)
     }
 
     /// As [`load`](Self::load), of a glTF file, with what else was in it. What is added to the scene comes last.
     pub(crate) fn load_gltf(&self, scene: &str, voice: Voice) -> Result<(Scene, GltfSource)> {
         let (scene, source) = load_gltf(Path::new(scene), &self.options())?;
-        Ok((self.changed(scene, voice)?, source))
+        let mut scene = self.changed(scene, voice)?;
+        self.place(&mut scene)?;
+        Ok((scene, source))
     }
 
-    fn changed(&self, mut scene: Scene, voice: Voice) -> Result<Scene> {
+    /// As [`load`](Self::load), with nothing moved yet: [`place`](Self::place) does that.
+    pub(crate) fn load_unmoved(&self, scene: &str, voice: Voice) -> Result<Scene> {
+        self.changed(self.load_one(scene)?, voice)
+    }
+
+    /// Puts what moves where it is asked to be.
+    pub(crate) fn place(&self, scene: &mut Scene) -> Result<()> {
         if let Some(seconds) = self.time {
             scene.set_time(seconds);
         }
+        self.moves
+            .iter()
+            .try_for_each(|change| shift(scene, change))
+    }
+
+    fn changed(&self, mut scene: Scene, voice: Voice) -> Result<Scene> {
         for addition in &self.add {
             self.add(&mut scene, addition)?;
         }
@@ -156,10 +176,16 @@ pub(crate) fn note_moving(scene: &Scene, tracer: Option<AnyTracer>, voice: Voice
     }
 }
 
-/// The camera of that name, the first one, or one that sees everything.
+/// The camera of that name or at that viewpoint, the first one, or one that sees everything.
 pub(crate) fn choose_camera(scene: &Scene, name: Option<&str>, voice: Voice) -> Result<Camera> {
     let framed = || Camera::framing(&scene.bounds());
     match name {
+        Some(name)
+            if scene.camera(name).is_none()
+                && let Some(camera) = values::viewpoint(name) =>
+        {
+            Ok(camera)
+        }
         Some(name) => match scene.camera(name) {
             Some(camera) => Ok(camera.clone()),
             None if name == framed().name => Ok(framed()),
@@ -218,6 +244,33 @@ fn change_material(scene: &mut Scene, change: &MaterialOverride) -> Result<()> {
     for object in objects {
         change_object(scene, object, change);
     }
+    Ok(())
+}
+
+/// Moves what a name stands for: lights and objects.
+fn shift(scene: &mut Scene, shift: &Shift) -> Result<()> {
+    let wanted = |kind: &str, index: usize, name: &str| {
+        name == shift.name || shift.name.strip_prefix(kind) == Some(&format!("#{index}")[..])
+    };
+    let mut found = false;
+    for (index, light) in scene.lights.iter_mut().enumerate() {
+        if wanted("light", index, &light.name) {
+            (found, light.transform) = (true, shift.of(light.transform));
+        }
+    }
+    for (index, object) in scene.instances.iter_mut().enumerate() {
+        if wanted("object", index, &object.name) {
+            (found, object.transform) = (true, shift.of(object.transform));
+        }
+    }
+    let lights = scene.lights.iter().map(|light| &light.name[..]);
+    let objects = scene.instances.iter().map(|object| &object.name[..]);
+    ensure!(
+        found,
+        "--move: no light and no object is called '{}'; there are: {}",
+        shift.name,
+        list(lights.chain(objects), "light#N and object#N")
+    );
     Ok(())
 }
 

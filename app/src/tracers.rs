@@ -243,6 +243,12 @@ impl TracerArgs {
         self.ldi.check(matches!(choice, Choice::Gpu(_)))
     }
 
+    /// Whether a tracer must be built again where the camera stands elsewhere.
+    #[cfg(feature = "viewer")]
+    pub(crate) fn depends_on_camera(&self) -> bool {
+        self.ldi.depends_on_camera() || self.field.depends_on_camera()
+    }
+
     /// Flags that have no effect with a tracer and a technique.
     pub(crate) fn idle(&self, tracer: Option<AnyTracer>, technique: TechniqueChoice) -> Vec<Idle> {
         let mut idle = if tracer == Some(AnyTracer::Ldi) {

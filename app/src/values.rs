@@ -1,7 +1,7 @@
 //! Parsers of the command line's values: what is out of range is refused with the range.
 
-use glam::{Affine3A, Quat, Vec3};
-use isophote_scene::Aabb;
+use glam::{Affine3A, Mat3A, Quat, Vec3, Vec3A};
+use isophote_scene::{Aabb, Camera, Projection};
 
 /// A number that is neither NaN nor infinite.
 pub(crate) fn finite(text: &str) -> Result<f32, String> {
@@ -227,6 +227,70 @@ pub(crate) fn addition(text: &str) -> Result<Addition, String> {
     })
 }
 
+/// How a light or an object is moved.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Shift {
+    /// Of the light or object.
+    pub(crate) name: String,
+    /// Metres.
+    pub(crate) offset: Vec3,
+    /// About +Y where it is, after the pitch; radians.
+    pub(crate) yaw: f32,
+    /// About its own X axis, radians.
+    pub(crate) pitch: f32,
+}
+
+/// Parses a [`Shift`].
+pub(crate) fn shift(text: &str) -> Result<Shift, String> {
+    text.rsplit_once('=')
+        .and_then(|(name, values)| Some((name, numbers(values, 3..=5)?)))
+        .map(|(name, values)| Shift {
+            name: name.into(),
+            offset: Vec3::from_slice(&values),
+            yaw: values.get(3).map_or(0.0, |degrees| degrees.to_radians()),
+            pitch: values.get(4).map_or(0.0, |degrees| degrees.to_radians()),
+        })
+        .ok_or_else(|| {
+            "expected NAME=X,Y,Z[,YAW[,PITCH]] in metres and degrees, such as Lamp=0,0.5,0".into()
+        })
+}
+
+impl Shift {
+    /// Where it takes something.
+    pub(crate) fn of(&self, place: Affine3A) -> Affine3A {
+        let (yaw, pitch) = (
+            Mat3A::from_rotation_y(self.yaw),
+            Mat3A::from_rotation_x(self.pitch),
+        );
+        Affine3A {
+            matrix3: yaw * place.matrix3 * pitch,
+            translation: place.translation + Vec3A::from(self.offset),
+        }
+    }
+}
+
+/// A camera by numbers: where it stands, what it looks at, and how far it opens vertically, in degrees (50 unless given) or,
+/// where its rays are parallel, as the height of what is seen in metres (`3m`).
+pub(crate) fn viewpoint(text: &str) -> Option<Camera> {
+    let (text, height) = match text
+        .strip_suffix('m')
+        .and_then(|text| text.rsplit_once(','))
+    {
+        Some((text, height)) => (text, Some(finite(height).ok()?)),
+        None => (text, None),
+    };
+    let values = numbers(text, 6..=if height.is_some() { 6 } else { 7 })?;
+    let (eye, target) = (Vec3::from_slice(&values), Vec3::from_slice(&values[3..]));
+    let degrees = values.get(6).copied().unwrap_or(50.0);
+    let opens = degrees > 0.0 && degrees < 180.0 && height.is_none_or(|height| height > 0.0);
+    let mut camera = Camera::look_at(text, eye, target, degrees.to_radians());
+    if let Some(height) = height {
+        let half_height = 0.5 * height;
+        camera.projection = Projection::Orthographic { half_height };
+    }
+    (opens && eye != target).then_some(camera)
+}
+
 /// Which part of the scene tracers hold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Bounds {
@@ -338,6 +402,47 @@ mod tests {
         assert_eq!((&one.scene[..], one.object.as_deref()), ("a", Some("b")));
         for wrong in ["a.glb", "a.glb@1,2", "a.glb@1,2,3,0", "@1,2,3", "a@1,2,x"] {
             assert!(addition(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn lights_and_objects_are_moved_and_turned() {
+        let moved = shift("a=b=1,2,3,90").unwrap();
+        assert_eq!((&moved.name[..], moved.pitch), ("a=b", 0.0));
+        let place = Affine3A::from_translation(Vec3::X);
+        let placed = moved.of(place).transform_point3(Vec3::Z);
+        assert!(
+            (placed - Vec3::new(3.0, 2.0, 3.0)).length() < 1e-5,
+            "{placed}"
+        );
+        let tipped = shift("a=0,0,0,0,-90").unwrap().of(place);
+        let down = tipped.transform_vector3(Vec3::NEG_Z);
+        assert!((down - Vec3::NEG_Y).length() < 1e-5, "{down}");
+        for wrong in ["a", "a=1,2", "a=1,2,x", "a=1,2,3,4,5,6"] {
+            assert!(shift(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn viewpoints_are_numbers() {
+        let camera = viewpoint("1,2,3,1,2,-7,40").unwrap();
+        assert_eq!(camera.position(), Vec3::new(1.0, 2.0, 3.0));
+        assert_eq!(-camera.transform.matrix3.z_axis, Vec3A::NEG_Z);
+        let yfov = 40_f32.to_radians();
+        assert_eq!(camera.projection, Projection::Perspective { yfov });
+        let parallel = viewpoint("0,0,0,0,0,-1,3m").unwrap().projection;
+        assert_eq!(parallel, Projection::Orthographic { half_height: 1.5 });
+        for wrong in [
+            "Camera",
+            "1,2,3",
+            "0,0,0,0,0,0",
+            "0,0,0,0,0,1,0",
+            "0,0,0,0,0,1,180",
+            "0,0,0,0,0,1,5,3m",
+            "0,0,0,0,0,1,0m",
+            "é",
+        ] {
+            assert!(viewpoint(wrong).is_none(), "{wrong}");
         }
     }
 

@@ -4,6 +4,7 @@
 //! output shows everything there is to repair. They share cargo's build directory and its flags: warnings become
 //! errors through clippy's and rustdoc's own arguments, since another `RUSTFLAGS` would build all dependencies again.
 
+mod display;
 mod structure;
 mod tools;
 mod validator;
@@ -38,7 +39,8 @@ const STEPS: [Step; 8] = [
         run: |arguments, _| {
             tools::require(!arguments.no_install)?;
             validator::provide(!arguments.no_install);
-            vulkan::provide(!arguments.no_install)
+            vulkan::provide(!arguments.no_install)?;
+            display::provide(!arguments.no_install)
         },
     },
     Step {
