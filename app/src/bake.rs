@@ -63,6 +63,7 @@ Examples:
   isophote bake hall.glb --to texels --size 2048 -o baked.glb        in a lightmap (occlusionTexture)
   isophote bake hall.glb --to texels --quantity irradiance -o baked.glb -o light.exr   light, by MOZ_lightmap
   isophote bake hall.glb --technique ldm --ldm-maps 2048 -o baked.glb   by layered depth maps
+  isophote bake hall.glb --technique ldm --quantity irradiance.indirect -o baked.glb   the light of one bounce, by photons
   isophote bake hall.glb --shard 1/2 -o 1.part                       half of the work; 2/2 elsewhere, and then
   isophote bake hall.glb --merge 1.part 2.part -o baked.glb          what one process would have made";
 
@@ -135,6 +136,9 @@ pub(crate) struct BakeArgs {
     quiet: bool,
     #[command(flatten)]
     tracer_args: TracerArgs,
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=4096),
+        help = "Photons of the technique ldm along each side of a light's view; a point light has six views")]
+    ldm_photons: u32,
     #[command(flatten)]
     changes: SceneArgs,
 }
@@ -183,8 +187,16 @@ impl BakeArgs {
         if self.technique == TechniqueChoice::Ldm {
             let why = "the technique ldm counts maps: --ldm-maps";
             idle.extend(Idle::all(["samples"], why));
-            let why = "the technique ldm traces no rays";
-            idle.extend(Idle::all(["tracer"], why));
+            if self.quantity.is_occlusion() {
+                let why = "the technique ldm traces no rays";
+                idle.extend(Idle::all(["tracer"], why));
+                idle.extend(Idle::all(["ldm_photons"], "occlusion knows no light"));
+            } else {
+                idle.extend(Idle::all(["tracer"], "photons are traced exactly"));
+                idle.extend(Idle::all(["path_bounces"], "photons bounce once"));
+            }
+        } else {
+            idle.extend(Idle::all(["ldm_photons"], "it is for --technique ldm"));
         }
         match self.to {
             Target::Vertices => {

@@ -22,7 +22,7 @@
 //! | §3.2, recursive zonal equal-area partition, culled directions (Fig. 5) | [`Partition`], [`Directions`] |
 //! | Eq. (1) to (3), obscurance | [`cpu::occlusion::Occlusion`] |
 //! | §3.4, D x and D d, transfer (Igehy 1999), rotation by α | `cpu/photons/differential.rs` |
-//! | §4.2, photons leave the light's view; splitting | `cpu/photons/emission.rs`, [`cpu::photons::light`] |
+//! | §4.2, photons leave the light's view; splitting | `cpu/photons/{views,emission}.rs`, [`cpu::photons::light`] |
 //! | Eq. (4) to (7), footprints and splatting | `cpu/photons/footprint.rs`, `cpu/photons/splat.rs` |
 //! | §6, multiple bounces over subsets of the directions | [`PhotonParams::bounces`], [`Directions::subset`] |
 //! | §6, arbitrary light sources | `cpu/photons/emission.rs` |
@@ -45,7 +45,9 @@
 //! - Split photons share what is reflected by cosθ / Σ cosθ, so that no energy is lost between directions.
 //! - By default points gather ([`Deposit::Gathered`]): the sum over maps and photons is that of splatting, but the map decides
 //!   for each point which surface lights it, so nothing is smeared over edges and shadows of what receives.
-//! - A photon's light is divided by the part of its footprint that is on a surface (`cpu/photons/field.rs`).
+//! - A spot's view is not a plane before it but the square of its cone, whose pixels have equal solid angles.
+//! - Photons that are gathered are cut into smaller ones where their footprints meet edges or shadows, and their light is
+//!   divided by the part of the footprint that is on a surface (`cpu/photons/{cut,field}.rs`).
 //! - Photons that are splatted land in the planes of what the camera sees, which the map's distance only chooses; those whose middle is hidden
 //!   or outside of the picture count where their footprint is not.
 //! - Splatting is tiled, without atomics; the filter's third row reaches a share of the footprint's radius out of its plane.

@@ -12,10 +12,11 @@ use std::{
 use anyhow::{Context, Result, bail, ensure};
 use glam::{UVec3, Vec3};
 use isophote_ldm_ambient::{
-    MapParams, OcclusionParams,
+    MapParams, OcclusionParams, PhotonParams, Photons,
     cpu::{
         Points, Triangles,
         occlusion::{Occlusion, Sky},
+        photons::Gathered,
     },
 };
 use isophote_scene::{
@@ -42,6 +43,8 @@ pub(super) struct Light<'a> {
     pub(super) settings: Settings,
     /// Of the technique `ldm`.
     pub(super) maps: MapParams,
+    /// Of its photons.
+    pub(super) raster: u32,
 }
 
 /// What came of some pieces.
@@ -70,8 +73,8 @@ pub(super) fn check(technique: TechniqueChoice, quantity: Quantity) -> Result<()
     match technique {
         TechniqueChoice::Reference => {}
         TechniqueChoice::Ldm => ensure!(
-            quantity.is_occlusion(),
-            "the technique ldm bakes ao and obscurance, but not {quantity}: its photons land in what a camera sees"
+            quantity.is_occlusion() || quantity == Quantity::IrradianceIndirect,
+            "the technique ldm bakes ao, obscurance and irradiance.indirect, but not {quantity}"
         ),
         TechniqueChoice::Ldi | TechniqueChoice::Igi => bail!(
             "the technique {name} computes pictures, not vertices or texels: choose reference or ldm"
@@ -133,6 +136,14 @@ impl Light<'_> {
             )?),
             _ => None,
         };
+        let photons = match &maps {
+            Some(triangles) if !self.quantity.is_occlusion() => Some(Photons::emit(
+                triangles,
+                self.tracers.exact,
+                &self.photons(),
+            )?),
+            _ => None,
+        };
         let done = AtomicU64::new(0);
         // Pieces at the same time, so that the threads are busy when one of them comes to its end.
         let parts = pieces.par_iter().map(|&piece| {
@@ -148,9 +159,10 @@ impl Light<'_> {
                 let sum = done.fetch_add(more, Ordering::Relaxed) + more;
                 progress.advance(sum, total as u64);
             };
-            match &maps {
-                Some(triangles) => self.by_maps(triangles, receivers, &advance),
-                None => self.by_rays(piece, &receivers, &advance),
+            match (&maps, &photons) {
+                (_, Some(photons)) => Ok(self.by_photons(photons, &receivers, &advance)),
+                (Some(triangles), None) => self.by_maps(triangles, receivers, &advance),
+                (None, None) => self.by_rays(piece, &receivers, &advance),
             }
         });
         let parts: Vec<Piece> = parts.collect::<Result<_>>()?;
@@ -203,6 +215,34 @@ impl Light<'_> {
             mean: sum / values.len().max(1) as f64,
             values,
         })
+    }
+
+    fn photons(&self) -> PhotonParams {
+        PhotonParams {
+            maps: self.maps,
+            raster: self.raster,
+            materials: self.settings.materials,
+            normals: self.settings.normals,
+            seed: self.settings.seed,
+            ..PhotonParams::default()
+        }
+    }
+
+    fn by_photons(
+        &self,
+        photons: &Photons<'_>,
+        receivers: &Receivers,
+        progress: &dyn Progress,
+    ) -> Piece {
+        let points = Points::of_receivers(receivers, self.settings.normals);
+        let (light, passes) = photons.light(&points, [0, 1], progress);
+        Piece {
+            values: light.iter().map(Gathered::irradiance).collect(),
+            rays: passes.iter().map(|pass| pass.rays).sum(),
+            // There are no two halves.
+            noise: 0.0,
+            mean: 0.0,
+        }
     }
 
     fn by_maps(

@@ -89,6 +89,7 @@ impl Work<'_> {
             quantity: args.quantity,
             settings: args.settings(),
             maps: args.tracer_args.depth_maps.params(),
+            raster: args.ldm_photons,
         };
         let bar = self.voice.bar();
         let advance = |done: u64, total: u64| {

@@ -308,7 +308,8 @@ impl LdmTechnique {
     ) -> Result<[Vec<Vec3>; 2]> {
         let pixels = order.size[0] as usize * order.size[1] as usize;
         let kinds = (order.settings.normals, order.settings.materials);
-        let mut photons = Photons::emit(triangles, exact, &self.photons(order))?;
+        let photons = Photons::emit(triangles, exact, &self.photons(order))?;
+        found.passes.extend_from_slice(photons.passes());
         let maps = order.maps.maps;
         let samples = self.ldm_samples.min(maps);
         // Where nothing is seen there is no light: the mean cosine over a hemisphere is a half.
@@ -322,7 +323,8 @@ impl LdmTechnique {
                 let points = Points::with_albedos(scene, exact, camera, size, sample, kinds);
                 (points, [pixels as u64, 0])
             });
-            let light = photons.light(&points, [sample, samples], progress);
+            let (light, passes) = photons.light(&points, [sample, samples], progress);
+            found.passes.extend(passes);
             for ((&index, light), albedo) in points.indices().iter().zip(light).zip(albedos) {
                 let (radiance, irradiance, weight) = &mut sums[index as usize];
                 *radiance += albedo / PI * light.light;
@@ -331,7 +333,6 @@ impl LdmTechnique {
             }
         }
         let mean = |sum: Vec3, weight: f32| sum / weight.max(f32::MIN_POSITIVE);
-        found.passes.extend_from_slice(photons.passes());
         Ok([
             sums.iter().map(|sum| mean(sum.0, sum.2)).collect(),
             sums.iter().map(|sum| mean(sum.1, sum.2)).collect(),

@@ -159,6 +159,38 @@ fn irradiance_is_in_watts_per_square_metre() {
 }
 
 /// Takes away what was added to lists, and compares.
+/// One bounce by photons is that of the reference.
+#[test]
+fn photons_light_vertices() {
+    let mut maker = plate_over_floor();
+    // Without one they would be of metal, which reflects no photons.
+    let matt = json!({ "pbrMetallicRoughness": { "metallicFactor": 0.0 } });
+    let matt = maker.add("materials", matt);
+    for mesh in 0..2 {
+        maker.json["meshes"][mesh]["primitives"][0]["material"] = matt.into();
+    }
+    let place = Place::with("a.glb", maker.glb());
+    let bake = "a.glb --quantity irradiance.indirect --environment 1,1,1";
+    let light = |technique: &str| {
+        place.ok(&format!("{bake} --technique {technique} -o b.glb"));
+        let (json, bin) = parts(&place.path("b.glb"));
+        let attributes = |mesh: usize| &json["meshes"][mesh]["primitives"][0]["attributes"];
+        let of = |mesh| floats(&json, &bin, &attributes(mesh)["_IRRADIANCE"]);
+        [of(0), of(1)].concat()
+    };
+    let (truth, found) = (light("reference --samples 1024"), light("ldm"));
+    let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
+    let squares: Vec<f32> = truth
+        .iter()
+        .zip(&found)
+        .map(|(a, b)| (a - b).powi(2))
+        .collect();
+    let error = mean(&squares).sqrt() / mean(&truth);
+    let bias = mean(&found) / mean(&truth) - 1.0;
+    // An environment's photons are wide, and lose what reaches beyond the plate.
+    assert!(bias.abs() < 0.2 && error < 0.57, "{bias} {error}");
+}
+
 fn assert_kept(before: &Value, mut after: Value) {
     for (name, list) in before.as_object().unwrap() {
         if let Some(list) = list.as_array() {

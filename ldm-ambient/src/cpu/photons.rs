@@ -1,11 +1,12 @@
 //! Indirect light by photon differentials (§3.4, §4.2).
 //!
-//! 7. Photons leave the lights and land on the first surface. `emission`
+//! 7. Photons leave the lights (`views`) and land on the first surface (`emission`), smaller ones at edges and shadows (`cut`).
 //! 8. There each is split: one goes along every map, the way that is above the surface, with the share cosθ / Σ cosθ of what
 //!    is reflected. The map tells where it lands (§3.1), its differential how large its footprint is. Maps are streamed.
 //! 9. What lands where the camera sees it is splatted (`split`, `splat`), or, the other way around and to the same sums,
 //!    every point looks along the maps for the photons that it gets its light from (`field`, `gather`): [`Deposit`].
 
+mod cut;
 mod differential;
 mod emission;
 mod field;
@@ -14,6 +15,7 @@ mod gather;
 mod screen;
 mod splat;
 mod split;
+mod views;
 
 use glam::Vec3;
 use isophote_scene::{
@@ -55,6 +57,9 @@ pub enum Spread {
     Turned,
 }
 
+/// By how much splats are wider than their differentials where those of a raster sum up to a flat picture.
+const TILING: f32 = 2.0;
+
 /// Photons and their splats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotonParams {
@@ -62,6 +67,9 @@ pub struct PhotonParams {
     pub maps: MapParams,
     /// Photons along each side of a light's view, of each of its faces. 1 to 4096.
     pub raster: u32,
+    /// Photons along each side of a light's view where those that are gathered meet edges and shadows: there they are halved
+    /// until they are as small. 1 to 4096; nothing is halved where it is below twice the raster.
+    pub finest: u32,
     /// Who finds whom.
     pub deposit: Deposit,
     /// What splitting does to the differentials of parts that are splatted.
@@ -70,7 +78,8 @@ pub struct PhotonParams {
     pub bounces: u32,
     /// Directions in which photons go on to the second reflection; a half of them to the third, and so on. 1 to 1024.
     pub branches: u32,
-    /// By how much splats are wider than the differentials say; less is sharper and noisier. Positive.
+    /// By how much splats are wider than the differentials say; less is sharper. Below 2 those of neighbours leave gaps: where
+    /// they are gathered as many more photons are sent as fill them. Positive.
     pub splat_size: f32,
     /// How far a splat reaches out of its plane, in its own mean radii: what a of Eq. (7) is for. Positive.
     pub flatness: f32,
@@ -91,12 +100,13 @@ impl Default for PhotonParams {
         Self {
             maps: MapParams::default(),
             raster: 64,
+            finest: 256,
             deposit: Deposit::default(),
             spread: Spread::default(),
             bounces: 1,
             branches: 8,
             splat_size: 2.0,
-            flatness: 0.7,
+            flatness: 0.1,
             direct: false,
             environment: true,
             materials: Materials::Pbr,
@@ -113,12 +123,13 @@ impl PhotonParams {
     /// [`Error::Parameter`].
     pub fn check(&self) -> Result<()> {
         self.maps.check()?;
-        if !(1..=1 << 12).contains(&self.raster) {
-            return Err(Error::parameter(
-                "the raster of photons",
-                self.raster,
-                "it must be 1 to 4096",
-            ));
+        for (name, side) in [
+            ("the raster of photons", self.raster),
+            ("the finest raster of photons", self.finest),
+        ] {
+            if !(1..=1 << 12).contains(&side) {
+                return Err(Error::parameter(name, side, "it must be 1 to 4096"));
+            }
         }
         if !(1..=16).contains(&self.bounces) {
             return Err(Error::parameter(
@@ -150,6 +161,20 @@ impl PhotonParams {
             }
         }
         Ok(())
+    }
+
+    /// As many photons as it takes that kernels of gathered ones overlap. Those of a raster's pixels are flat together where
+    /// they are twice as wide; narrower ones leave gaps.
+    fn without_gaps(&self) -> Self {
+        if self.deposit == Deposit::Splatted || self.splat_size >= TILING {
+            return *self;
+        }
+        let raster = (self.raster as f32 * TILING / self.splat_size).round();
+        Self {
+            raster: raster.min(4096.0) as u32,
+            splat_size: TILING,
+            ..*self
+        }
     }
 }
 
@@ -189,6 +214,8 @@ pub fn light<T: Tracer + ?Sized>(
             "photons are splatted for perspective ones",
         ));
     }
+    params.check()?;
+    let params = &params.without_gaps();
     let (mut lit, photons) = emitted(triangles, exact, params)?;
     let screen = splatted.then(|| Screen::new(seen, camera));
     if let Some(screen) = screen.as_ref().filter(|_| params.direct) {
@@ -222,9 +249,10 @@ pub fn light<T: Tracer + ?Sized>(
             let found = seen.pixels.iter().enumerate().filter_map(point);
             let (points, indices) = found.unzip();
             let points = Points { points, indices };
-            let mut emitted = Photons::of(triangles, exact, lit, photons, params);
-            let light = emitted.light(&points, [0, 1], progress);
+            let emitted = Photons::of(triangles, exact, lit, photons, params);
+            let (light, passes) = emitted.light(&points, [0, 1], progress);
             lit = emitted.lit;
+            lit.passes.extend(passes);
             lit.indirect = vec![Vec3::ZERO; seen.pixels.len()];
             for (&index, light) in points.indices.iter().zip(light) {
                 lit.indirect[index as usize] = light.irradiance();
@@ -253,6 +281,8 @@ impl<'a> Photons<'a> {
         exact: &T,
         params: &PhotonParams,
     ) -> Result<Self> {
+        params.check()?;
+        let params = &params.without_gaps();
         let (lit, photons) = emitted(triangles, exact, params)?;
         Ok(Self::of(triangles, exact, lit, photons, params))
     }
@@ -277,23 +307,15 @@ impl<'a> Photons<'a> {
 
     /// The light of points, in their order, by a part of the maps: of so many parts, one takes every so manyth. Points of one
     /// pixel can share the maps so; sums of light and of weights over the parts are those by all.
+    /// What it took stands beside.
     pub fn light(
-        &mut self,
+        &self,
         points: &Points,
         part: [u32; 2],
         progress: &dyn Progress,
-    ) -> Vec<Gathered> {
-        let passes = &mut self.lit.passes;
+    ) -> (Vec<Gathered>, [Pass; 2]) {
         let (triangles, field) = (self.triangles, &self.field);
-        gather::gather(
-            triangles,
-            field,
-            points,
-            part,
-            &self.params,
-            passes,
-            progress,
-        )
+        gather::gather(triangles, field, points, part, &self.params, progress)
     }
 
     /// Watts that left the lights.
@@ -301,7 +323,7 @@ impl<'a> Photons<'a> {
         self.lit.power
     }
 
-    /// What the stages took so far.
+    /// What sending them took.
     pub fn passes(&self) -> &[Pass] {
         &self.lit.passes
     }
@@ -313,7 +335,6 @@ fn emitted<T: Tracer + ?Sized>(
     exact: &T,
     params: &PhotonParams,
 ) -> Result<(Lit, Vec<Vec<Photon>>)> {
-    params.check()?;
     exact
         .answers()
         .require(Answers::Surface, "ldm", "the exact tracer")?;

@@ -4,7 +4,12 @@ use glam::{UVec3, Vec3};
 use isophote_scene::{Aabb, Ray, SurfaceId, Tracer};
 use rayon::prelude::*;
 
-use super::{PhotonParams, emission::Photon, footprint::Footprint};
+use super::{
+    PhotonParams,
+    cut::{LEAST_COVERED, place_in_kernel},
+    emission::Photon,
+    footprint::Footprint,
+};
 
 /// Cells in all, at most.
 const CELLS: f32 = 4e6;
@@ -12,10 +17,6 @@ const CELLS: f32 = 4e6;
 const ENTRIES: u64 = 1 << 26;
 /// Points of a footprint at which is asked whether there is a surface.
 const PROBES: u32 = 16;
-/// The smallest part of a footprint that is taken for all of it: at a straight edge it is a half, and what has less is smaller
-/// than the footprint itself, which then says little.
-const LEAST_COVERED: f32 = 0.5;
-
 /// Light that leaves surfaces diffusely, everywhere.
 pub(crate) struct Field {
     footprints: Vec<Footprint>,
@@ -44,7 +45,8 @@ impl Field {
                 photon.differential.position,
                 params,
             )?;
-            footprint.peak /= covered(exact, &footprint).max(LEAST_COVERED);
+            let part = photon.covered.unwrap_or_else(|| covered(exact, &footprint));
+            footprint.peak /= part.max(LEAST_COVERED);
             Some(footprint)
         };
         let lit = photons
@@ -176,12 +178,9 @@ fn covered<T: Tracer + ?Sized>(exact: &T, footprint: &Footprint) -> f32 {
     let above = height * footprint.normal;
     let from = footprint.position + above;
     let is_covered = |probe: u32| {
-        // Equal shares of the kernel, whose mass within r is 1 − (1 − r²)³, by the golden angle.
-        let share = (probe as f32 + 0.5) / PROBES as f32;
-        let radius = (1.0 - (1.0 - share).cbrt()).sqrt();
-        let (sine, cosine) = (2.399_963_2 * probe as f32).sin_cos();
+        let at = 0.5 * place_in_kernel(probe, PROBES);
         let [u, v] = footprint.sides;
-        let across = 0.5 * radius * (cosine * u + sine * v);
+        let across = at.x * u + at.y * v;
         let way = Ray::new(from, across).until(1.0);
         let down = Ray::new(from + across, -above).until(2.0);
         let unknown = SurfaceId::UNKNOWN;

@@ -62,9 +62,8 @@ pub(super) fn gather(
     points: &Points,
     [part, parts]: [u32; 2],
     params: &PhotonParams,
-    passes: &mut Vec<Pass>,
     progress: &dyn Progress,
-) -> Vec<Gathered> {
+) -> (Vec<Gathered>, [Pass; 2]) {
     let blocks = PointBlock::pack(&points.points, triangles.origin);
     let mut sums = vec![Sums::default(); blocks.len()];
     let directions = Directions::new(params.maps.maps);
@@ -104,14 +103,13 @@ pub(super) fn gather(
         progress.advance(done, views.len() as u64);
     }
     let lookups = (points.len() * views.len()) as u64;
-    for (name, seconds, rays) in [("maps", building, 0), ("gather", gathering, lookups)] {
-        passes.push(Pass {
-            name,
-            rays,
-            seconds,
-            ..Pass::default()
-        });
-    }
+    let passes = [("maps", building, 0), ("gather", gathering, lookups)];
+    let passes = passes.map(|(name, seconds, rays)| Pass {
+        name,
+        rays,
+        seconds,
+        ..Pass::default()
+    });
     let of_point = |index: usize| {
         let (sums, lane) = (&sums[index / LANES], index % LANES);
         Gathered {
@@ -119,7 +117,7 @@ pub(super) fn gather(
             weight: sums.weight[lane],
         }
     };
-    (0..points.len()).map(of_point).collect()
+    ((0..points.len()).map(of_point).collect(), passes)
 }
 
 /// Lights some points along a map: E = Σ cosθ B / Σ cosθ over the directions, B the radiosity where they end.
