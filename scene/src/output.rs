@@ -13,7 +13,8 @@ use crate::{Error, Result};
 /// Writes a file so that it is either whole or untouched: into a temporary file of the same folder, which then takes
 /// its name.
 ///
-/// An error of `write` is returned as it is, and a file that existed before stays as it was.
+/// An error of `write` is returned as it is, and a file that existed before stays as it was. On Linux the temporary file has
+/// no name until it is whole, so that nothing of it is left when the process is killed.
 ///
 /// # Errors
 /// What `write` returns, and [`Error::Io`] as for [`check_writable`] or when the disk is full.
@@ -22,19 +23,14 @@ pub fn write_atomically(
     write: impl FnOnce(&mut BufWriter<&mut File>) -> Result<()>,
 ) -> Result<()> {
     let target = check_target(path)?;
-    let mut temporary = temporary_beside(path, &target)?;
-    let mut writer = BufWriter::with_capacity(1 << 20, temporary.as_file_mut());
+    let mut temporary = Temporary::beside(path, &target)?;
+    let mut writer = BufWriter::with_capacity(1 << 20, temporary.file());
     write(&mut writer)?;
     writer.flush().map_err(|source| Error::io(path, source))?;
     drop(writer);
-    temporary
-        .as_file()
-        .sync_all()
-        .map_err(|source| Error::io(path, source))?;
-    temporary
-        .persist(&target)
-        .map_err(|error| Error::io(path, error.error))?;
-    Ok(())
+    let done = temporary.file().sync_all();
+    done.and_then(|()| temporary.rename(&target))
+        .map_err(|source| Error::io(path, source))
 }
 
 /// Whether [`write_atomically`] could write a file now. Worth asking before hours of work.
@@ -43,7 +39,7 @@ pub fn write_atomically(
 /// [`Error::Io`] when the folder is missing or read-only, or when something that is not a writable file has the name.
 pub fn check_writable(path: &Path) -> Result<()> {
     let target = check_target(path)?;
-    temporary_beside(path, &target).map(drop)
+    Temporary::beside(path, &target).map(drop)
 }
 
 /// The file to replace: what a symbolic link points at, and nothing but a regular, writable file.
@@ -67,26 +63,91 @@ fn check_target(path: &Path) -> Result<PathBuf> {
     path.canonicalize().map_err(|error| Error::io(path, error))
 }
 
-fn temporary_beside(path: &Path, target: &Path) -> Result<NamedTempFile> {
-    let folder = match target.parent() {
+/// A file that is not yet what it is to be.
+enum Temporary {
+    #[cfg(target_os = "linux")]
+    Unnamed(File),
+    Named(NamedTempFile),
+}
+
+const PREFIX: &str = ".isophote-";
+
+impl Temporary {
+    fn beside(path: &Path, target: &Path) -> Result<Self> {
+        let folder = folder_of(target);
+        #[cfg(target_os = "linux")]
+        if let Some(file) = unnamed(folder, target) {
+            return Ok(Self::Unnamed(file));
+        }
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(PREFIX);
+        if let Some(permissions) = permissions_of(target) {
+            builder.permissions(permissions);
+        }
+        builder
+            .tempfile_in(folder)
+            .map(Self::Named)
+            .map_err(|error| {
+                let reason = match error.kind() {
+                    ErrorKind::NotFound if !folder.exists() => {
+                        format!("the folder {} does not exist", folder.display())
+                    }
+                    _ => format!("cannot write in the folder {}: {error}", folder.display()),
+                };
+                Error::io(path, IoError::new(error.kind(), reason))
+            })
+    }
+
+    fn file(&mut self) -> &mut File {
+        match self {
+            #[cfg(target_os = "linux")]
+            Self::Unnamed(file) => file,
+            Self::Named(file) => file.as_file_mut(),
+        }
+    }
+
+    fn rename(self, target: &Path) -> std::io::Result<()> {
+        match self {
+            #[cfg(target_os = "linux")]
+            Self::Unnamed(file) => named(&file, folder_of(target))?.persist(target)?,
+            Self::Named(file) => file.persist(target).map(drop)?,
+        }
+        Ok(())
+    }
+}
+
+fn folder_of(target: &Path) -> &Path {
+    match target.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
-    };
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".isophote-");
-    let permissions = permissions_of(target);
-    if let Some(permissions) = permissions {
-        builder.permissions(permissions);
     }
-    builder.tempfile_in(folder).map_err(|error| {
-        let reason = match error.kind() {
-            ErrorKind::NotFound if !folder.exists() => {
-                format!("the folder {} does not exist", folder.display())
-            }
-            _ => format!("cannot write in the folder {}: {error}", folder.display()),
-        };
-        Error::io(path, IoError::new(error.kind(), reason))
-    })
+}
+
+/// A file without a name, where the file system knows such, with the rights that [`permissions_of`] tells of.
+#[cfg(target_os = "linux")]
+fn unnamed(folder: &Path, target: &Path) -> Option<File> {
+    use rustix::fs::{Mode, OFlags, open};
+    let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
+    let file = File::from(open(folder, flags, Mode::from_raw_mode(0o666)).ok()?);
+    if let Ok(metadata) = std::fs::metadata(target) {
+        file.set_permissions(metadata.permissions()).ok()?;
+    }
+    Some(file)
+}
+
+/// Gives a file without a name one. No other file can be replaced in this way, hence a rename is to follow.
+#[cfg(target_os = "linux")]
+fn named(file: &File, folder: &Path) -> std::io::Result<tempfile::TempPath> {
+    use std::os::fd::AsRawFd;
+
+    use rustix::fs::{AtFlags, CWD, linkat};
+    let link = format!("/proc/self/fd/{}", file.as_raw_fd());
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(PREFIX);
+    let named = builder.make_in(folder, |path| {
+        linkat(CWD, &link, CWD, path, AtFlags::SYMLINK_FOLLOW).map_err(IoError::from)
+    })?;
+    Ok(named.into_temp_path())
 }
 
 /// The rights the file has, or those that any new file gets: a temporary file's own rights are for its owner only.
@@ -135,6 +196,15 @@ mod tests {
             Err(Error::malformed(&path, "on purpose"))
         });
         assert!(matches!(failed, Err(Error::Malformed { .. })));
+        // Whoever is killed here leaves nothing.
+        if cfg!(target_os = "linux") {
+            write_atomically(&path, |_| {
+                assert_eq!(names(folder.path()), ["a.txt"]);
+                Ok(())
+            })
+            .unwrap();
+            put("second").unwrap();
+        }
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "second");
         assert_eq!(names(folder.path()), ["a.txt"]);
     }
