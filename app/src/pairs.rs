@@ -84,6 +84,13 @@ pub(crate) fn check(
             );
         }
     }
+    if let Some(why) = technique.refuses(tracer) {
+        bail!(
+            "the technique {} does not go with the tracer {} this way: {why}",
+            choice.name(),
+            tracer.name()
+        );
+    }
     Ok(())
 }
 

@@ -15,7 +15,7 @@ use isophote_scene::{
 use crate::{
     applies::{Idle, ids},
     reference::{Ground, Made, Order},
-    tracers::AnyTracer,
+    tracers::{AnyTracer, Choice},
 };
 
 /// How light is calculated.
@@ -72,6 +72,12 @@ pub(crate) trait Technique {
     /// The least a tracer of its secondary rays must answer.
     fn needs(&self, quantity: Quantity) -> Answers {
         quantity.needs()
+    }
+
+    /// Why it cannot use a tracer although that answers enough.
+    fn refuses(&self, tracer: Choice) -> Option<&'static str> {
+        let _ = tracer;
+        None
     }
 
     /// Settings that stand in headers as they are here, whatever the command line says.

@@ -118,13 +118,21 @@ impl Choice {
         }
     }
 
+    /// Whether it answers for the boxes around triangles.
+    pub(crate) fn is_of_boxes(self) -> bool {
+        matches!(
+            self,
+            Self::Cpu(TracerChoice::BvhBoxes)
+                | Self::Gpu(GpuTracerChoice::Boxes | GpuTracerChoice::ComputeBoxes)
+        )
+    }
+
     /// What its answers hold.
     pub(crate) fn answers(self) -> Answers {
         match self {
-            Self::Cpu(TracerChoice::BvhBoxes | TracerChoice::Field | TracerChoice::Ldm)
-            | Self::Gpu(
-                GpuTracerChoice::Boxes | GpuTracerChoice::ComputeBoxes | GpuTracerChoice::Field,
-            ) => Answers::Distance,
+            Self::Cpu(TracerChoice::Field | TracerChoice::Ldm)
+            | Self::Gpu(GpuTracerChoice::Field) => Answers::Distance,
+            _ if self.is_of_boxes() => Answers::Distance,
             _ => Answers::Surface,
         }
     }

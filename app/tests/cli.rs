@@ -517,6 +517,14 @@ fn the_technique_igi_renders() {
     // Shadow maps, filled by a tracer that is not exact.
     let maps = ["--igi-visibility=maps", "--igi-map-size=64", "--tracer=ldi"];
     render(&[&igi[..], &maps, &["-o", "maps.exr"]].concat());
+    let chosen = [
+        "--igi-keep=64",
+        "--igi-select=32",
+        "--igi-downsampling=2",
+        "--igi-refine=2",
+    ];
+    render(&[&igi[..], &chosen, &["-o", "chosen.exr"]].concat());
+    assert!(bias("chosen.exr").abs() < 0.1, "{}", bias("chosen.exr"));
     assert!(bias("maps.exr").abs() < 0.05, "{}", bias("maps.exr"));
     for (flags, expected) in [
         (&["--technique=igi", "--spp=4"][..], "--igi-paths"),
@@ -538,6 +546,14 @@ fn the_technique_igi_renders() {
         (
             &["--tracer=bvh-boxes", "--quantity=indirect"],
             "the secondary tracer",
+        ),
+        (
+            &[
+                "--technique=igi",
+                "--igi-visibility=maps",
+                "--tracer=bvh-boxes",
+            ],
+            "--igi-visibility rays",
         ),
         (&["--technique=ldi", "--igi-paths=4"], "--technique igi"),
     ] {

@@ -2,11 +2,11 @@
 //!
 //! ```sh
 //! cargo bench -p isophote-instant-gi --bench frame -- SCENE [--size WxH] [--frames N] [--mirror MATERIAL[,…]] [--caching METRES]
-//!     [--case PATHS:VISIBILITY:DOWNSAMPLING:MxN:PATTERN:FILTER:SEQUENCE]...
+//!     [--case PATHS[/SELECTED[/KEPT]]:VISIBILITY:DOWNSAMPLING:MxN:PATTERN:FILTER[+refine/N]:SEQUENCE]...
 //! ```
 //!
-//! Visibility is `triangles`, `boxes` or `maps[/SIDE[/BIAS[/nearest]]]`, the pattern `regular` or `irregular`, the filter `edges`,
-//! `fill` or `paper`, the sequence `lattice` or `halton`; what is left out is the plain method's. Materials are diffuse, unless some
+//! With SELECTED every point picks so many of the lights; with KEPT so many are kept for the picture. Visibility is `triangles`, `boxes` or `maps[/SIDE[/BIAS[/nearest]]]`, the pattern `regular` or `irregular`, the filter `edges`,
+//! `fill` or `paper`, with `+refine/N` for pixels that fewer than N samples are like, the sequence `lattice` or `halton`; what is left out is the plain method's. Materials are diffuse, unless some
 //! are made mirrors. Every frame shoots its light paths anew
 //! and is rendered wholly; times are medians over the frames. Errors are those of the indirect light against the plain
 //! method with the same light paths; `mirrors_rel_rmse` is that of what mirrors show where there
@@ -90,35 +90,43 @@ impl Case {
     fn parse(text: &str, materials: Materials) -> Self {
         let mut parts = text.split(':');
         let mut next = || parts.next();
-        let paths = next().map_or(180, |paths| paths.parse().expect("a number"));
+        let counts = next().unwrap_or("180").split('/');
+        let mut counts = counts.map(|count| count.parse().expect("a number"));
+        let paths = counts.next().unwrap_or(180);
+        let selection = counts.next().unwrap_or(0);
+        let kept = counts.next().unwrap_or(0);
         let seen_by = next().unwrap_or("triangles");
         let boxes = seen_by == "boxes";
         let visibility = match seen_by.strip_prefix("maps") {
             Some(maps) => Visibility::Maps(shadow_maps(maps)),
             None => Visibility::Rays,
         };
-        let params = GiParams {
+        let mut params = GiParams {
             paths,
+            selection,
+            kept,
             downsampling: next().map_or(1, |factor| factor.parse().expect("a number")),
             interleaving: next().map_or([1, 1], pair),
             pattern: match next() {
                 Some("irregular") => Pattern::Irregular,
                 _ => Pattern::Regular,
             },
-            filter: match next() {
-                Some("paper") => Filter::Paper,
-                Some("fill") => Filter::Fill,
-                _ => Filter::Edges,
-            },
-            sequence: match next() {
-                Some("halton") => Sequence::Halton,
-                _ => Sequence::Lattice,
-            },
             visibility,
             light_rays: 1,
             materials,
             ..GiParams::default()
         };
+        let filter = next().unwrap_or("edges");
+        let (filter, refinement) = filter.split_once("+refine/").unwrap_or((filter, "0"));
+        params.refinement = refinement.parse().expect("a number");
+        params.filter = match filter {
+            "paper" => Filter::Paper,
+            "fill" => Filter::Fill,
+            _ => Filter::Edges,
+        };
+        if next() == Some("halton") {
+            params.sequence = Sequence::Halton;
+        }
         Self { boxes, params }
     }
 }
@@ -214,8 +222,11 @@ impl<'a> Bench<'a> {
         let plain = Case {
             boxes: false,
             params: GiParams {
+                selection: 0,
+                kept: 0,
                 downsampling: 1,
                 interleaving: [1, 1],
+                refinement: 0,
                 visibility: Visibility::Rays,
                 ..case.params
             },

@@ -2,13 +2,13 @@
 //!
 //! ```sh
 //! cargo bench -p isophote-instant-gi --bench truth -- SCENE... [--size WxH] [--paths N] [--samples N] [--min-d METRES]
-//!     [--compensation RAYS] [--unbounded] [--halton]
+//!     [--compensation RAYS] [--unbounded] [--halton] [--keep N]
 //! ```
 //!
 //! Both are asked at the same points, what the pixels' centres show, and both leave out light that travelled less than about
 //! `--min-d`, unless the reference is `--unbounded`. No shortcuts, diffuse materials, one bounce. The reference's noise is told by two
 //! halves of its samples and left out of `rel_rmse_beyond`; `constant` is the error of its mean, which a method must beat by far.
-//! Light paths start on a lattice, or with `--halton` as in the paper.
+//! Light paths start on a lattice, or with `--halton` as in the paper; with `--keep` so many of their lights are kept.
 //! The built-in Cornell box, 160x120 pixels, 4096 paths and 1024 samples unless given.
 
 use std::{path::Path, sync::Arc, time::Instant};
@@ -31,6 +31,7 @@ struct Arguments {
     compensation: u32,
     is_unbounded: bool,
     sequence: Sequence,
+    kept: u32,
 }
 
 fn main() {
@@ -51,6 +52,7 @@ impl Arguments {
             compensation: 0,
             is_unbounded: false,
             sequence: Sequence::default(),
+            kept: 0,
         };
         while let Some(word) = words.next() {
             let mut value = || words.next().expect("a value");
@@ -67,6 +69,7 @@ impl Arguments {
                 "--min-d" => arguments.min_d = value().parse().expect("a number"),
                 "--compensation" => arguments.compensation = value().parse().expect("a number"),
                 "--unbounded" => arguments.is_unbounded = true,
+                "--keep" => arguments.kept = value().parse().expect("a number"),
                 "--halton" => arguments.sequence = Sequence::Halton,
                 flag if flag.starts_with("--") => panic!("what is {flag}?"),
                 scene => arguments.scenes.push(scene.into()),
@@ -95,6 +98,7 @@ fn measure(arguments: &Arguments, name: &str) -> Value {
     let params = GiParams {
         paths: arguments.paths,
         sequence: arguments.sequence,
+        kept: arguments.kept,
         min_d: arguments.min_d,
         compensation: arguments.compensation,
         light_rays: 1,
@@ -116,6 +120,7 @@ fn measure(arguments: &Arguments, name: &str) -> Value {
         "size": arguments.size,
         "paths": arguments.paths,
         "sequence": format!("{:?}", arguments.sequence),
+        "kept": arguments.kept,
         "vpls": stages.vpls.len(),
         "samples": arguments.samples,
         "min_d": arguments.min_d,

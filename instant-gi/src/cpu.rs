@@ -9,8 +9,11 @@ mod fill;
 pub(crate) mod filter;
 mod history;
 pub(crate) mod indirect;
+pub(crate) mod keep;
 pub mod maps;
+mod refine;
 mod samples;
+pub(crate) mod select;
 mod specular;
 mod tiles;
 
@@ -31,8 +34,11 @@ use self::{
     emission::{Vpl, shoot},
     filter::Upsample,
     indirect::{Gather, Sight},
+    keep::keep,
     maps::Maps,
+    refine::refine,
     samples::Samples,
+    select::along_curve,
     specular::Tree,
     tiles::{Direct, Tiles},
 };
@@ -62,10 +68,10 @@ pub struct Stages {
     pub indirect: Vec<Vec3>,
     /// The sum of direct, specular and indirect.
     pub picture: Vec<Vec3>,
-    /// The virtual point lights.
+    /// The virtual point lights, in the order of their paths; where some of them are picked or kept, along a curve through space.
     pub vpls: Vec<Vpl>,
-    /// What each stage took: `vpls`, `camera`, `maps`, `direct`, `mirrored`, `indirect`, `filter`, with a history `history`,
-    /// `compose`. `mirrored` is the light of the virtual point lights on what mirrors and glass show: the paper's hidden
+    /// What each stage took: `vpls`, `camera`, `keep`, `maps`, `direct`, `mirrored`, `indirect`, `filter`, `refine`, with a history
+    /// `history`, `compose`. `mirrored` is the light of the virtual point lights on what mirrors and glass show: the paper's hidden
     /// cost, part of its direct stage. `maps` takes nothing where points see by rays.
     pub passes: Vec<Pass>,
 }
@@ -138,12 +144,22 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
         let upsample = Upsample::new(size, params)?;
         let mut passes = Vec::new();
         let vpls = Pass::timed(&mut passes, "vpls", || {
-            let (vpls, rays) = shoot(scene, exact, params);
+            let (mut vpls, rays) = shoot(scene, exact, params);
+            if params.sorts() {
+                along_curve(&mut vpls, &scene.bounds());
+            }
             (vpls, [rays, 0])
         });
         let seen = Pass::timed(&mut passes, "camera", || {
             let seen = GBuffer::see(scene, exact, camera, size, params.materials);
             (seen, [pixels, 0])
+        });
+        let vpls = Pass::timed(&mut passes, "keep", || {
+            let kept = match params.kept {
+                0 => vpls,
+                _ => keep(vpls, &seen, params),
+            };
+            (kept, [0, 0])
         });
         let maps = Pass::timed(&mut passes, "maps", || self.maps(&vpls))?;
         let sight = match &maps {
@@ -207,6 +223,20 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
         let irradiance = Pass::timed(&mut passes, "filter", || {
             (upsample.apply(&samples, &seen, &camera.pinhole()), [0, 0])
         })?;
+        let irradiance = Pass::timed(&mut passes, "refine", || {
+            let mut irradiance = irradiance;
+            let rays = match params.refines() {
+                true => refine(
+                    &gather,
+                    &seen,
+                    upsample.grid,
+                    &camera.pinhole(),
+                    &mut irradiance,
+                ),
+                false => 0,
+            };
+            (irradiance, [rays, 0])
+        });
         let irradiance = match history {
             Some(history) => Pass::timed(&mut passes, "history", || {
                 (history.add(&irradiance, &seen, &camera.pinhole()), [0, 0])

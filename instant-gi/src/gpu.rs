@@ -3,13 +3,19 @@
 //! | stage | CPU | GPU |
 //! |---|---|---|
 //! | 1. virtual point lights | `cpu/emission.rs` | `shaders/emission.wesl` |
-//! | 2. what the camera sees | `isophote_scene::GBuffer` | `shaders/gbuffer.wesl` |
+//! | 2. what the camera sees | `isophote_scene::GBuffer` | `shaders/gbuffer.wesl`, or `foreign.wesl` |
 //! | 3. shadow maps | `cpu/maps.rs` | `shaders/maps.wesl` |
 //! | 4. direct light | `cpu/specular.rs` | `shaders/direct.wesl` |
 //! | 4. mirrors and glass | `cpu/specular.rs` | `shaders/specular.wesl` |
 //! | 5. indirect light | `cpu/{samples,indirect}.rs` | `shaders/indirect.wesl` |
+//! | 1. lights that are kept | `cpu/keep.rs` | `shaders/keep.wesl` |
+//! | 1., 5. by some of the lights | `cpu/select.rs` | `shaders/{curve,select}.wesl` |
 //! | 5. the filter `fill` | `cpu/fill.rs` | `shaders/fill.wesl` |
 //! | 6. samples become a picture | `cpu/filter.rs` | `gpu/filter.rs`, over `isophote-filters` |
+//! | 6. sequences of pictures | `cpu/history.rs` | `gpu/history.rs`, over `isophote-filters` |
+//! | 6. pixels unlike the samples | `cpu/refine.rs` | `shaders/refine.wesl` |
+//!
+//! [`InstantGi::over`] takes the G-buffer of another renderer instead of asking its own camera rays.
 //!
 //! Paths, samples and rays are chosen as on the CPU, so that the pictures differ by rounding alone. Everything is made anew
 //! for each picture, on the device: nothing is read back in between.
@@ -18,6 +24,7 @@
 //! 2, and this one; what stages leave to each other lies in textures.
 
 mod filter;
+mod history;
 mod passes;
 mod read;
 
@@ -26,27 +33,37 @@ use std::time::{Duration, Instant};
 use bytemuck::{Pod, Zeroable};
 use isophote_scene::{
     Answers, Camera, Scene,
-    gpu::{Context, Dispatch, ShaderPackage, Timer, UniformArray, View, reference::World},
+    gpu::{
+        Context, Dispatch, GBuffer, Rasters, ShaderPackage, Timer, UniformArray, View,
+        reference::World,
+    },
     reference::{Materials, Progress},
     sample::hash_seed,
     shader_package,
 };
 
+pub use self::history::History;
 use self::{
     filter::Filter,
     passes::{Bound, Passes, Shared, Targets},
 };
 use crate::{
     GiParams, Lookup, Pattern, Result, Sequence, Stages,
-    cpu::{check_size, filter::Upsample, indirect::COMPENSATION},
+    cpu::{
+        check_size,
+        filter::Upsample,
+        indirect::COMPENSATION,
+        keep::KEPT,
+        select::{SELECTION, extent_of},
+    },
 };
 
 /// The WESL modules of this crate.
 pub const SHADERS: ShaderPackage = shader_package!(
     "instant_gi",
     [
-        "compose", "direct", "emission", "fill", "gbuffer", "indirect", "maps", "params",
-        "specular", "vpls",
+        "compose", "curve", "direct", "emission", "fill", "foreign", "gbuffer", "indirect", "keep",
+        "maps", "params", "refine", "select", "specular", "vpls",
     ]
 );
 
@@ -65,6 +82,10 @@ struct GpuParams {
     seed: u32,
     forward: [f32; 3],
     compensation_seed: u32,
+    least: [f32; 3],
+    selection: u32,
+    extent: [f32; 3],
+    selection_seed: u32,
     size: [u32; 2],
     grid: [u32; 2],
     offset: [u32; 2],
@@ -85,6 +106,10 @@ struct GpuParams {
     map_columns: u32,
     map_bias: f32,
     map_smooth: u32,
+    kept: u32,
+    keep_seed: u32,
+    refinement: u32,
+    padding: u32,
 }
 
 /// `Piece` of params.wesl.
@@ -119,6 +144,8 @@ pub struct InstantGi {
     settings: wgpu::Buffer,
     pieces: Pieces,
     passes: Passes,
+    /// Another renderer's G-buffer; `None` where the exact tracer answers for the camera.
+    rasters: Option<Rasters>,
     filter: Filter,
     targets: Targets,
     stages: StageTextures,
@@ -128,10 +155,13 @@ pub struct InstantGi {
 #[derive(Debug)]
 struct Pieces {
     array: UniformArray<Piece>,
+    sort: Vec<Dispatch>,
+    weigh: Vec<Dispatch>,
     maps: Vec<Dispatch>,
     direct: Vec<Dispatch>,
     specular: Vec<Dispatch>,
     indirect: Vec<Dispatch>,
+    refine: Vec<Dispatch>,
 }
 
 impl Pieces {
@@ -141,7 +171,8 @@ impl Pieces {
         params: &GiParams,
         [texels, pixels, samples]: [u32; 3],
     ) -> Result<Self> {
-        let lights = u64::from(params.paths) * u64::from(params.bounces);
+        let shot = u64::from(params.paths) * u64::from(params.bounces);
+        let lights = u64::from(params.most_lights());
         let parts: u32 = params.interleaving.iter().product();
         let compensation = u64::from(params.compensation);
         let shorter = if params.bounces > 1 { lights } else { 1 };
@@ -162,6 +193,9 @@ impl Pieces {
             };
             firsts.map(dispatch).collect()
         };
+        // A place takes a step for each other light, of which dozens take as long as a ray.
+        let sort = split(shot as u32, shot.div_ceil(64));
+        let weigh = split(shot as u32, 64);
         let maps = split(texels, 1);
         let direct = split(pixels, of_direct);
         let specular = split(pixels, of_tree);
@@ -169,12 +203,16 @@ impl Pieces {
             samples,
             lights.div_ceil(u64::from(parts)) + compensation * shorter,
         );
+        let refine = split(pixels, of_surface);
         Ok(Self {
             array: UniformArray::new(context, "pieces", &all)?,
+            sort,
+            weigh,
             maps,
             direct,
             specular,
             indirect,
+            refine,
         })
     }
 }
@@ -200,6 +238,33 @@ impl InstantGi {
         params: &GiParams,
         size: [u32; 2],
     ) -> Result<Self> {
+        Self::with(context, world, params, size, None)
+    }
+
+    /// A renderer over a G-buffer that another renderer fills before each picture; no camera rays are asked. It must tell depths,
+    /// shading normals, base colours, instances and primitives, of one sample a pixel. Of the scene's materials at a pixel
+    /// only metal, glass and roughness are looked up. [`record`](Self::record) takes the camera that it was filled for.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`](crate::Error::Parameter) when it lacks a layer or has several samples; and as [`new`](Self::new).
+    pub fn over(
+        context: &Context,
+        world: World<'_>,
+        params: &GiParams,
+        gbuffer: &GBuffer,
+    ) -> Result<Self> {
+        check_layers(gbuffer)?;
+        let rasters = Rasters::new(context, Some(gbuffer), None)?;
+        Self::with(context, world, params, gbuffer.size(), Some(rasters))
+    }
+
+    fn with(
+        context: &Context,
+        world: World<'_>,
+        params: &GiParams,
+        size: [u32; 2],
+        rasters: Option<Rasters>,
+    ) -> Result<Self> {
         params.check()?;
         check_size(size)?;
         if params.caching > 0.0 {
@@ -215,7 +280,7 @@ impl InstantGi {
         secondary.require(params.needs(), "igi", "the secondary tracer")?;
         let upsample = Upsample::new(size, params)?;
         let grid = upsample.grid.size().map(|side| side as u32);
-        let (targets, stages) = Targets::new(context, params, &upsample, size)?;
+        let (targets, stages) = Targets::new(context, params, &upsample, size, rasters.is_some())?;
         let texels = targets.atlas.map_or(0, |atlas| atlas.texels());
         let points = [texels, size[0] * size[1], grid[0] * grid[1]];
         let pieces = Pieces::new(context, world.scene, params, points)?;
@@ -227,6 +292,7 @@ impl InstantGi {
             stages: &stages,
             settings: &settings,
             pieces: &pieces.array,
+            rasters: rasters.as_ref(),
         };
         let passes = Passes::new(context, &world, params, reflects, &shared)?;
         Ok(Self {
@@ -237,6 +303,7 @@ impl InstantGi {
             settings,
             pieces,
             passes,
+            rasters,
             targets,
             stages,
         })
@@ -261,13 +328,52 @@ impl InstantGi {
         camera: &Camera,
         mut timer: Option<&mut Timer>,
     ) -> Result<()> {
-        self.set_camera(context, &world, camera)?;
+        self.set_camera(context, &world, camera, self.params.seed)?;
         for work in self.work() {
             work.record(encoder, &world, timer.as_deref_mut(), work.dispatches);
         }
         self.record_filter(context, encoder, timer.as_deref_mut())?;
-        self.compose()
-            .record(encoder, &world, timer, &[Dispatch::over_pixels(self.size)]);
+        for work in self.work_after() {
+            work.record(encoder, &world, timer.as_deref_mut(), work.dispatches);
+        }
+        Ok(())
+    }
+
+    /// Records the next picture of a sequence, as [`record`](Self::record): with other light paths than those before it, and
+    /// with the irradiance that the history has of what is seen again. Of what [`read`](Self::read) then tells, the rays of the
+    /// pass `refine` are means over the sequence.
+    ///
+    /// # Errors
+    /// As [`record`](Self::record), and [`Error::Filter`](crate::Error::Filter) when the history is of pictures of another size.
+    pub fn record_next(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        world: World<'_>,
+        camera: &Camera,
+        history: &mut History,
+        mut timer: Option<&mut Timer>,
+    ) -> Result<()> {
+        let seed = self.params.seed.wrapping_add(history.pictures());
+        self.set_camera(context, &world, camera, seed)?;
+        for work in self.work() {
+            work.record(encoder, &world, timer.as_deref_mut(), work.dispatches);
+        }
+        self.record_filter(context, encoder, timer.as_deref_mut())?;
+        if let Some(refine) = self.refine() {
+            refine.record(encoder, &world, timer.as_deref_mut(), refine.dispatches);
+        }
+        let mut add = |encoder: &mut wgpu::CommandEncoder| {
+            let irradiance = &self.stages.irradiance;
+            let eye = camera.pinhole();
+            history.record(context, encoder, &self.targets, irradiance, &eye)
+        };
+        match timer.as_deref_mut() {
+            Some(timer) => timer.around("history", encoder, add)?,
+            None => add(encoder)?,
+        }
+        let compose = self.compose();
+        compose.record(encoder, &world, timer, compose.dispatches);
         Ok(())
     }
 
@@ -283,13 +389,10 @@ impl InstantGi {
         camera: &Camera,
         progress: &dyn Progress,
     ) -> Result<Stages> {
-        self.set_camera(context, &world, camera)?;
-        let work = self.work();
-        let total = work
-            .iter()
-            .map(|one| one.dispatches.len() as u64)
-            .sum::<u64>()
-            + 2;
+        self.set_camera(context, &world, camera, self.params.seed)?;
+        let (work, after) = (self.work(), self.work_after());
+        let all = work.iter().chain(&after);
+        let total = all.map(|one| one.dispatches.len() as u64).sum::<u64>() + 1;
         let mut done = 0;
         let mut times: Vec<(&'static str, Duration)> = Vec::new();
         let mut timer = Timer::new(context, 1);
@@ -313,22 +416,21 @@ impl InstantGi {
                 progress.advance(done, total);
                 Ok(())
             };
-        for one in &work {
-            for dispatch in one.dispatches {
-                submit(one.name, &mut |encoder, timer| {
-                    one.record(encoder, &world, Some(timer), std::slice::from_ref(dispatch));
-                    Ok(())
+        for (number, work) in [work, after].iter().enumerate() {
+            if number == 1 {
+                submit("filter", &mut |encoder, timer| {
+                    self.record_filter(context, encoder, Some(timer))
                 })?;
             }
+            for one in work {
+                for dispatch in one.dispatches {
+                    submit(one.name, &mut |encoder, timer| {
+                        one.record(encoder, &world, Some(timer), std::slice::from_ref(dispatch));
+                        Ok(())
+                    })?;
+                }
+            }
         }
-        submit("filter", &mut |encoder, timer| {
-            self.record_filter(context, encoder, Some(timer))
-        })?;
-        submit("compose", &mut |encoder, timer| {
-            let pixels = [Dispatch::over_pixels(self.size)];
-            self.compose().record(encoder, &world, Some(timer), &pixels);
-            Ok(())
-        })?;
         let mut stages = self.read(context)?;
         for pass in &mut stages.passes {
             let time = times.iter().find(|(name, _)| *name == pass.name);
@@ -367,12 +469,25 @@ impl InstantGi {
                 pass: &passes.compact,
                 dispatches: &ONE,
             },
-            Work {
-                name: "camera",
-                pass: &passes.camera,
-                dispatches: &self.targets.pixels,
-            },
         ];
+        all.extend(passes.sort.as_ref().map(|pass| Work {
+            name: "vpls",
+            pass,
+            dispatches: &self.pieces.sort,
+        }));
+        all.push(Work {
+            name: "camera",
+            pass: &passes.camera,
+            dispatches: &self.targets.pixels,
+        });
+        if let Some([look, weigh, keep]) = &passes.keep {
+            let steps = [(look, &LOOK[..]), (weigh, &self.pieces.weigh), (keep, &ONE)];
+            all.extend(steps.map(|(pass, dispatches)| Work {
+                name: "keep",
+                pass,
+                dispatches,
+            }));
+        }
         all.extend(passes.maps.as_ref().map(|pass| Work {
             name: "maps",
             pass,
@@ -403,26 +518,50 @@ impl InstantGi {
         all
     }
 
+    /// What comes after the filters.
+    fn work_after(&self) -> Vec<Work<'_>> {
+        self.refine().into_iter().chain([self.compose()]).collect()
+    }
+
+    fn refine(&self) -> Option<Work<'_>> {
+        self.passes.refine.as_ref().map(|pass| Work {
+            name: "refine",
+            pass,
+            dispatches: &self.pieces.refine,
+        })
+    }
+
     fn compose(&self) -> Work<'_> {
         Work {
             name: "compose",
             pass: &self.passes.compose,
-            dispatches: &[],
+            dispatches: &self.targets.pixels,
         }
     }
 
-    fn set_camera(&self, context: &Context, world: &World<'_>, camera: &Camera) -> Result<()> {
+    fn set_camera(
+        &self,
+        context: &Context,
+        world: &World<'_>,
+        camera: &Camera,
+        seed: u64,
+    ) -> Result<()> {
         let eye = camera.pinhole();
         self.filter.set_camera(context, &eye)?;
         let params = &self.params;
         let downsampling = params.downsampling;
         let maps = params.shadow_maps().copied().unwrap_or_default();
+        let bounds = world.gpu_scene.bounds();
         let settings = GpuParams {
-            view: View::of_camera(camera, self.size, &world.gpu_scene.bounds()),
+            view: View::of_camera(camera, self.size, &bounds),
             eye: eye.eye.to_array(),
-            seed: hash_seed(params.seed),
+            seed: hash_seed(seed),
             forward: eye.forward.to_array(),
-            compensation_seed: hash_seed(params.seed ^ COMPENSATION),
+            compensation_seed: hash_seed(seed ^ COMPENSATION),
+            least: bounds.min.to_array(),
+            selection: params.selection,
+            extent: extent_of(&bounds).to_array(),
+            selection_seed: hash_seed(seed ^ SELECTION),
             size: self.size,
             grid: self.grid,
             offset: self.size.map(|side| (downsampling / 2).min(side - 1)),
@@ -437,12 +576,16 @@ impl InstantGi {
             light_rays: params.light_rays,
             glossy_rays: params.glossy_rays,
             pbr: u32::from(params.materials == Materials::Pbr),
-            rotated: u32::from(params.seed != 0),
+            rotated: u32::from(seed != 0),
             lattice: u32::from(params.sequence == Sequence::Lattice),
             map_side: maps.resolution,
             map_columns: self.targets.atlas.map_or(1, |atlas| atlas.columns),
             map_bias: maps.bias,
             map_smooth: u32::from(maps.lookup == Lookup::Smooth),
+            kept: params.kept,
+            keep_seed: hash_seed(seed ^ KEPT),
+            refinement: params.refinement,
+            padding: 0,
         };
         context.check("settings", |_| {
             let bytes = bytemuck::bytes_of(&settings);
@@ -457,6 +600,12 @@ const ONE: [Dispatch; 1] = [Dispatch {
     workgroups: [1; 3],
 }];
 
+/// Over the points that lights are weighed for.
+const LOOK: [Dispatch; 1] = [Dispatch {
+    offset: None,
+    workgroups: [passes::POINTS as u32 / WORKGROUP, 1, 1],
+}];
+
 impl Work<'_> {
     fn record(
         &self,
@@ -467,12 +616,46 @@ impl Work<'_> {
     ) {
         let exact = world.exact.bind_group();
         let scene = world.gpu_scene.bind_group();
-        let all = [&self.pass.group, exact, scene, world.secondary.bind_group()];
+        let third = self.pass.rasters.as_ref();
+        let third = third.unwrap_or(world.secondary.bind_group());
+        let all = [&self.pass.group, exact, scene, third];
         let groups = &all[..1 + self.pass.others];
         self.pass
             .compute
             .record(encoder, self.name, timer, groups, dispatches);
     }
+}
+
+/// Refuses a G-buffer that lacks a layer, or has more than one sample a pixel.
+fn check_layers(gbuffer: &GBuffer) -> Result<()> {
+    let views = gbuffer.views();
+    let size = gbuffer.size();
+    let layers = [
+        ("normals", &views.normal),
+        ("base colours", &views.albedo),
+        ("instances and primitives", &views.ids),
+    ];
+    for (name, view) in layers {
+        let found = [view.texture().width(), view.texture().height()];
+        if found != size {
+            return Err(crate::Error::Parameter {
+                name: "the G-buffer",
+                value: format!(
+                    "{}x{} pixels with {}x{} {name}",
+                    size[0], size[1], found[0], found[1]
+                ),
+                expected: "it must tell depths, normals, base colours, instances and primitives of every pixel",
+            });
+        }
+    }
+    if gbuffer.samples() != 1 {
+        return Err(crate::Error::Parameter {
+            name: "the G-buffer",
+            value: format!("one of {} samples a pixel", gbuffer.samples()),
+            expected: "it must have one sample a pixel",
+        });
+    }
+    Ok(())
 }
 
 /// Whether anything in a scene mirrors or refracts.

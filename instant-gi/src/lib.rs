@@ -3,11 +3,14 @@
 //! # Stages
 //!
 //! 1. [`cpu::emission`]: light paths make virtual point lights (§4).
-//! 2. [`isophote_scene::GBuffer`]: what the camera sees.
+//! 2. [`isophote_scene::GBuffer`]: what the camera sees; on GPUs also what another renderer has seen. `cpu/keep.rs`: the lights that
+//!    the picture's error would come from, where not all are kept.
 //! 3. [`cpu::maps`]: shadow maps of the virtual point lights, where they are asked for (§6).
 //! 4. `cpu/tiles.rs` and `cpu/specular.rs`: light straight from the lights, mirrors and glass (§4).
-//! 5. `cpu/samples.rs`, `cpu/indirect.rs`: the virtual point lights' light (Eq. (1)), of all or of a part of them (§4.2, §4.3).
-//! 6. `cpu/filter.rs`: samples become a picture (Eq. (2), §4.3); in a sequence of pictures, `cpu/history.rs`.
+//! 5. `cpu/samples.rs`, `cpu/indirect.rs`: the virtual point lights' light (Eq. (1)), of all or of a part of them (§4.2, §4.3);
+//!    `cpu/select.rs`: of those that a point picks.
+//! 6. `cpu/filter.rs`: samples become a picture (Eq. (2), §4.3); `cpu/refine.rs`: pixels that no sample is like; in a sequence of
+//!    pictures, `cpu/history.rs`.
 //!
 //! The same stages on GPUs: `gpu.rs` and the shaders of the stages' names (feature `gpu`).
 //!
@@ -15,7 +18,7 @@
 //!
 //! | paper | code |
 //! |---|---|
-//! | §4, particles along a Halton sequence | [`cpu::emission::shoot`], [`Sequence::Halton`] |
+//! | §4, particles along a Halton sequence (the default is a lattice) | [`cpu::emission::shoot`], [`Sequence::Halton`] |
 //! | §4, direct + specular, a Whitted-style tree; what secondary hits cost | `cpu/specular.rs`, `cpu/tiles.rs` |
 //! | Eq. (1) and the bounded geometry term | `cpu/indirect.rs`, [`isophote_scene::reference::bound`] |
 //! | §4.1, imperfect visibility | a tracer of boxes as the secondary one: `Leaves::Boxes` of scene's trees on CPUs and GPUs, or `boxes` of ray queries |
@@ -39,7 +42,13 @@
 //! - What mirrors and glass show is lit tile by tile and timed apart; the paper lights it where it is hit.
 //! - Imperfect visibility needs no second structure: [`isophote_scene::BvhTracer::with_leaves`] asks one tree for boxes.
 //! - Shadow maps are filled by rays of the secondary tracer, not by rasterisation, so that any tracer has them.
-//! - Instant caching (§6) interpolates between points of fixed cubes, and only what mirrors show (`cpu/cache.rs`); on CPUs.
+//! - Instant caching (§6) interpolates between points of fixed cubes, and only what mirrors show (`cpu/cache.rs`). It is for CPUs
+//!   alone: a shader would follow the trees of rays twice, once to find the cubes and once to look them up, with the lists of
+//!   cubes in storage that stages do not have left; and picking some of the lights at each point ([`GiParams::selection`]) saves
+//!   the same rays with less error, on GPUs too (README, "What was measured").
+//! - Past the paper: lights are kept for the picture by the mean square of what they bring to it ([`GiParams::kept`]), picked by
+//!   points ([`GiParams::selection`]), and pixels that no sample around them is like are lit themselves
+//!   ([`GiParams::refinement`]). All three are off unless asked for.
 
 pub mod cpu;
 mod error;

@@ -7,16 +7,17 @@
 
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use isophote_instant_gi::{
-    Filter, GiParams, InstantGi, Lookup, Pattern, ShadowMaps, Stages, Visibility, gpu,
+    Error, Filter, GiParams, History, InstantGi, Lookup, Pattern, ShadowMaps, Stages, Visibility,
+    gpu,
 };
 use isophote_scene::{
-    BuildTracer, BvhOptions, BvhTracer, Environment, Leaves, Light, LightKind, Scene, Selection,
-    builtin,
+    BuildTracer, BvhOptions, BvhTracer, Environment, GBuffer as SeenByRays, Leaves, Light,
+    LightKind, Scene, Selection, builtin,
     gpu::{
-        BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, GpuTracer, RayQueryBoxTracer,
-        RayQueryTracer, Timer, reference::World,
+        BuildGpuTracer, ComputeBvhTracer, Context, GBuffer, GBufferViews, GpuScene, GpuTracer,
+        RayQueryBoxTracer, RayQueryTracer, Timer, reference::World,
     },
     reference::{Materials, Tracers},
 };
@@ -248,6 +249,82 @@ fn cases() -> Vec<(&'static str, Arc<Scene>, GiParams)> {
             },
         ),
         (
+            "refined",
+            zoo(),
+            GiParams {
+                paths: 40,
+                downsampling: 4,
+                interleaving: [2, 2],
+                refinement: 2,
+                glossy_rays: 1,
+                ..plain
+            },
+        ),
+        (
+            "kept",
+            filled.clone(),
+            GiParams {
+                paths: 400,
+                kept: 60,
+                ..plain
+            },
+        ),
+        (
+            "all are kept",
+            filled.clone(),
+            GiParams {
+                paths: 20,
+                kept: 100,
+                ..plain
+            },
+        ),
+        (
+            "selected of those that are kept",
+            filled.clone(),
+            GiParams {
+                paths: 500,
+                kept: 100,
+                selection: 40,
+                interleaving: [2, 1],
+                filter: Filter::Fill,
+                seed: 2,
+                ..plain
+            },
+        ),
+        (
+            "selected",
+            filled.clone(),
+            GiParams {
+                paths: 200,
+                selection: 40,
+                seed: 5,
+                ..plain
+            },
+        ),
+        (
+            "selected of parts, filled and mirrored",
+            zoo(),
+            GiParams {
+                paths: 100,
+                selection: 10,
+                downsampling: 2,
+                interleaving: [2, 2],
+                filter: Filter::Fill,
+                compensation: 2,
+                ..plain
+            },
+        ),
+        (
+            "selected, by shadow maps",
+            filled.clone(),
+            GiParams {
+                paths: 100,
+                selection: 60,
+                visibility: maps(32, Lookup::Smooth),
+                ..plain
+            },
+        ),
+        (
             "shadow maps",
             zoo(),
             GiParams {
@@ -350,4 +427,180 @@ fn pictures_follow_what_moves() {
     };
     let found = gi.render(&context, world, camera, &|_, _| {}).unwrap();
     check("moved", &found, &on_cpu(&moved, &params, Leaves::Triangles));
+}
+
+/// Of a sequence of pictures with a camera that moves the last one knows as much as the CPU's.
+#[test]
+fn sequences_are_the_cpus() {
+    let Some(context) = Context::for_tests() else {
+        return;
+    };
+    let scene = Arc::new(builtin::build("builtin:cornell").unwrap());
+    let params = GiParams {
+        paths: 40,
+        downsampling: 2,
+        refinement: 2,
+        ..GiParams::default()
+    };
+    let exact = BvhTracer::build(&scene, &Selection::default(), &BvhOptions::default()).unwrap();
+    let tracers = Tracers {
+        exact: &exact,
+        secondary: &exact,
+    };
+    let on_cpu = InstantGi::new(&scene, tracers, &params).unwrap();
+    let tracer = ComputeBvhTracer::build(&context, &scene, &Selection::default(), &()).unwrap();
+    let gpu_scene = GpuScene::new(&context, &scene).unwrap();
+    let world = World {
+        scene: &scene,
+        gpu_scene: &gpu_scene,
+        exact: &tracer,
+        secondary: &tracer,
+    };
+    let on_gpu = gpu::InstantGi::new(&context, world, &params, SIZE).unwrap();
+    let mut expected_history = History::new(8).unwrap();
+    let mut history = gpu::History::new(&context, 8, SIZE).unwrap();
+    let mut camera = scene.cameras[0].clone();
+    for number in 0..3 {
+        let expected = on_cpu
+            .render_next(&camera, SIZE, &mut expected_history, &|_, _| {})
+            .unwrap();
+        let mut encoder = context.device().create_command_encoder(&Default::default());
+        on_gpu
+            .record_next(&context, &mut encoder, world, &camera, &mut history, None)
+            .unwrap();
+        context.submit("next", encoder).unwrap();
+        let found = on_gpu.read(&context).unwrap();
+        let error = relative_rmse(&found.picture, &expected.picture);
+        println!("picture {number}: relRMSE {error:.1e}");
+        assert!(error <= MOST, "picture {number}: {error}");
+        camera.transform.translation.x += 0.02;
+    }
+    assert_eq!(history.pictures(), expected_history.pictures());
+    let other = gpu::History::new(&context, 8, [8, 8]);
+    let mut encoder = context.device().create_command_encoder(&Default::default());
+    let refused = on_gpu.record_next(
+        &context,
+        &mut encoder,
+        world,
+        &camera,
+        &mut other.unwrap(),
+        None,
+    );
+    assert!(matches!(refused, Err(Error::Filter(_))), "{refused:?}");
+}
+
+/// A texture with a picture's values.
+fn uploaded(
+    context: &Context,
+    format: wgpu::TextureFormat,
+    [width, height]: [u32; 2],
+    texels: &[u8],
+) -> wgpu::TextureView {
+    let size = wgpu::Extent3d {
+        width,
+        height,
+        depth_or_array_layers: 1,
+    };
+    let texture = context.device().create_texture(&wgpu::TextureDescriptor {
+        label: None,
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    let layout = wgpu::TexelCopyBufferLayout {
+        offset: 0,
+        bytes_per_row: Some(texels.len() as u32 / height),
+        rows_per_image: None,
+    };
+    context
+        .queue()
+        .write_texture(texture.as_image_copy(), texels, layout, size);
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}
+
+/// The layers of what a camera sees by rays, with the base colours dimmed.
+fn layers_of(context: &Context, scene: &Arc<Scene>, dimmed: f32) -> GBufferViews {
+    let exact = BvhTracer::build(scene, &Selection::default(), &BvhOptions::default()).unwrap();
+    let camera = &scene.cameras[0];
+    let seen = SeenByRays::see(scene, &exact, camera, SIZE, Materials::Pbr);
+    let (normals, depths) = seen.normals_and_depths(&camera.pinhole());
+    let (mut colors, mut ids) = (Vec::new(), Vec::new());
+    for seen in &seen.pixels {
+        let color = seen.as_ref().map(|seen| seen.material.base_color);
+        colors.push((dimmed * color.unwrap_or_default()).extend(1.0));
+        let surface = seen.as_ref().map(|seen| seen.point.surface);
+        let words = surface.map_or([0, 0], |of| [of.instance + 1, of.primitive + 1]);
+        ids.extend(words.map(|word| [word as u16, (word >> 16) as u16]));
+    }
+    let normals: Vec<Vec4> = normals
+        .into_iter()
+        .map(|normal| normal.extend(0.0))
+        .collect();
+    let layer = |format, texels: &[u8]| uploaded(context, format, SIZE, texels);
+    GBufferViews {
+        depth: layer(wgpu::TextureFormat::R32Float, bytemuck::cast_slice(&depths)),
+        normal: layer(
+            wgpu::TextureFormat::Rgba32Float,
+            bytemuck::cast_slice(&normals),
+        ),
+        albedo: layer(
+            wgpu::TextureFormat::Rgba32Float,
+            bytemuck::cast_slice(&colors),
+        ),
+        material: uploaded(context, wgpu::TextureFormat::Rg16Uint, [1, 1], &[0; 4]),
+        ids: layer(wgpu::TextureFormat::Rgba16Uint, bytemuck::cast_slice(&ids)),
+    }
+}
+
+/// What another renderer has seen stands for camera rays, with its own base colours.
+#[test]
+fn a_gbuffer_that_is_handed_in_gives_the_same_picture() {
+    let Some(context) = Context::for_tests() else {
+        return;
+    };
+    let scene = zoo();
+    let params = GiParams {
+        paths: 40,
+        depth: 2,
+        glossy_rays: 1,
+        downsampling: 4,
+        refinement: 2,
+        ..GiParams::default()
+    };
+    let tracer = ComputeBvhTracer::build(&context, &scene, &Selection::default(), &()).unwrap();
+    let gpu_scene = GpuScene::new(&context, &scene).unwrap();
+    let world = World {
+        scene: &scene,
+        gpu_scene: &gpu_scene,
+        exact: &tracer,
+        secondary: &tracer,
+    };
+    let camera = &scene.cameras[0];
+    let handed_in = |dimmed| {
+        let layers = layers_of(&context, &scene, dimmed);
+        let gbuffer = GBuffer::from_views(&context, layers, camera).unwrap();
+        let gi = gpu::InstantGi::over(&context, world, &params, &gbuffer).unwrap();
+        gi.render(&context, world, camera, &|_, _| {}).unwrap()
+    };
+    let found = handed_in(1.0);
+    let own = gpu::InstantGi::new(&context, world, &params, SIZE).unwrap();
+    let mut expected = own.render(&context, world, camera, &|_, _| {}).unwrap();
+    // No ray is asked for the camera.
+    assert!(expected.passes[1].rays > 0);
+    expected.passes[1].rays = 0;
+    check("handed in", &found, &expected);
+    let half: Vec<Vec3> = handed_in(0.5)
+        .indirect
+        .iter()
+        .map(|light| 2.0 * light)
+        .collect();
+    let error = relative_rmse(&half, &found.indirect);
+    assert!(
+        error < 1e-5,
+        "base colours are not those that were handed in: {error}"
+    );
 }

@@ -9,8 +9,8 @@ use isophote_instant_gi::{Error, Filter, GiParams, ShadowMaps, Visibility, gpu::
 use isophote_scene::{
     Answers, Error as SceneError, Leaves, Scene, Selection, builtin,
     gpu::{
-        BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, GpuTracer, RayQueryBoxTracer,
-        RayQueryTracer, reference::World,
+        BuildGpuTracer, ComputeBvhTracer, Context, GBuffer, GBufferViews, GpuScene, GpuTracer,
+        RayQueryBoxTracer, RayQueryTracer, reference::World,
     },
 };
 
@@ -32,7 +32,7 @@ fn tracers(context: &Context, scene: &Arc<Scene>) -> Vec<Box<dyn GpuTracer>> {
 }
 
 /// The paper's settings, or everything else at once; with few lights where buffers are small.
-fn params(few: bool) -> [GiParams; 4] {
+fn params(few: bool) -> [GiParams; 6] {
     let paths = if few { 4 } else { 180 };
     let paper = GiParams {
         paths,
@@ -56,7 +56,13 @@ fn params(few: bool) -> [GiParams; 4] {
         visibility: Visibility::Maps(ShadowMaps::default()),
         ..paper
     };
-    [paper, other, filled, maps]
+    let selected = |params: GiParams| GiParams {
+        selection: 2,
+        kept: if few { 0 } else { 3 },
+        refinement: 2,
+        ..params
+    };
+    [paper, other, filled, maps, selected(filled), selected(maps)]
 }
 
 #[test]
@@ -162,4 +168,36 @@ fn what_does_not_fit_is_refused() {
     for size in [[0, 8], [1 << 16, 1 << 16]] {
         assert!(matches!(make(0, 0, &plain, size), Error::Parameter { .. }));
     }
+}
+
+/// Another renderer's G-buffer must tell what the stages ask for.
+#[test]
+fn gbuffers_that_lack_something_are_refused() {
+    let context = Context::noop();
+    let scene = cornell();
+    let gpu_scene = GpuScene::new(&context, &scene).unwrap();
+    let tracer = ComputeBvhTracer::build(&context, &scene, &Selection::default(), &()).unwrap();
+    let world = World {
+        scene: &scene,
+        gpu_scene: &gpu_scene,
+        exact: &tracer,
+        secondary: &tracer,
+    };
+    let params = GiParams::default();
+    let over = |gbuffer: &GBuffer| {
+        InstantGi::over(&context, world, &params, gbuffer)
+            .map(drop)
+            .map_err(|error| error.to_string())
+    };
+    let whole = GBuffer::new(&context, [16, 8], 1).unwrap();
+    over(&whole).unwrap();
+    let sampled = GBuffer::new(&context, [16, 8], 4).unwrap();
+    assert!(over(&sampled).unwrap_err().contains("4 samples"));
+    let one = GBuffer::new(&context, [1, 1], 1).unwrap();
+    let without = GBufferViews {
+        ids: one.views().ids.clone(),
+        ..whole.views().clone()
+    };
+    let without = GBuffer::from_views(&context, without, &scene.cameras[0]).unwrap();
+    assert!(over(&without).unwrap_err().contains("1x1 instances"));
 }

@@ -25,6 +25,7 @@ use crate::gpu::Gpu;
 use crate::{
     applies::Idle,
     reference::{Ground, Made, Order},
+    tracers::Choice,
     values,
 };
 
@@ -41,6 +42,12 @@ pub(crate) struct IgiTechnique {
     /// Where light paths start
     #[arg(long, value_enum, value_name = "SEQUENCE", default_value = "lattice")]
     igi_sequence: SequenceChoice,
+    /// Virtual point lights that are kept for a picture, by what they would bring it; 0 keeps all
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1 << 16))]
+    igi_keep: u32,
+    /// Virtual point lights that a point asks for, picked by what they would bring it; 0 asks for all
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1 << 16))]
+    igi_select: u32,
     /// Surfaces that a light path meets; a virtual point light at each
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
     igi_bounces: u32,
@@ -71,6 +78,9 @@ pub(crate) struct IgiTechnique {
     /// How samples become a picture
     #[arg(long, value_enum, value_name = "FILTER", default_value = "edges")]
     igi_filter: FilterChoice,
+    /// Light pixels themselves on whose surface fewer than so many of the four samples around them lie; 0 none
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=4))]
+    igi_refine: u32,
     /// How points see the virtual point lights
     #[arg(long, value_enum, value_name = "WAY", default_value = "rays")]
     igi_visibility: VisibilityChoice,
@@ -152,6 +162,8 @@ impl IgiTechnique {
                 SequenceChoice::Halton => Sequence::Halton,
                 SequenceChoice::Lattice => Sequence::Lattice,
             },
+            kept: self.igi_keep,
+            selection: self.igi_select,
             bounces: self.igi_bounces,
             min_d: order.min_d.unwrap_or(MIN_D),
             compensation: self.igi_compensation,
@@ -170,6 +182,7 @@ impl IgiTechnique {
                 FilterChoice::Edges => Filter::Edges,
                 FilterChoice::Fill => Filter::Fill,
             },
+            refinement: self.igi_refine,
             visibility: self.visibility(),
             materials: order.settings.materials,
             seed: order.settings.seed,
@@ -206,6 +219,14 @@ impl Technique for IgiTechnique {
     fn needs(&self, _: Quantity) -> Answers {
         // What is seen in mirrors is asked of the exact tracer.
         Answers::Occlusion
+    }
+
+    fn refuses(&self, tracer: Choice) -> Option<&'static str> {
+        let by_maps = self.igi_visibility == VisibilityChoice::Maps;
+        (by_maps && tracer.is_of_boxes()).then_some(
+            "boxes that hold an end of a ray do not count, but a shadow map is filled before it is known where rays end; take \
+             --igi-visibility rays, or a tracer of triangles",
+        )
     }
 
     fn header(&self, order: &Order<'_>) -> Vec<(&'static str, String)> {

@@ -17,6 +17,14 @@ const COSINE: f32 = 0.906;
 /// Largest distance from a tangent plane, relative to the depth.
 const DISTANCE: f32 = 0.01;
 
+/// Whether one surface is seen at two pixels.
+pub(super) fn is_continued(here: &Seen, there: &Seen, eye: &Pinhole) -> bool {
+    let normal = here.normal();
+    let offset = there.point.position - here.point.position;
+    let reach = DISTANCE * eye.depth(here.point.position);
+    normal.dot(there.normal()) >= COSINE && normal.dot(offset).abs() <= reach
+}
+
 /// Which samples give parts to which.
 pub(super) struct Fill<'a> {
     size: [usize; 2],
@@ -43,14 +51,9 @@ impl<'a> Fill<'a> {
             let Some(here) = seen(number) else {
                 return (0, 0);
             };
-            let reach = DISTANCE * eye.depth(here.point.position);
-            let normal = here.normal();
             let (mut like, mut found) = (0, 0);
             for (place, neighbour) in window(number, size, tile) {
-                let continues = seen(neighbour).is_some_and(|there| {
-                    let offset = there.point.position - here.point.position;
-                    normal.dot(there.normal()) >= COSINE && normal.dot(offset).abs() <= reach
-                });
+                let continues = seen(neighbour).is_some_and(|there| is_continued(here, there, eye));
                 if continues || neighbour == number {
                     like |= 1 << place;
                     found |= 1 << parts[neighbour];

@@ -13,7 +13,11 @@ use isophote_scene::{
     sample::{Frame, Sampler, cosine_hemisphere},
 };
 
-use super::{emission::Vpl, maps::Maps};
+use super::{
+    emission::Vpl,
+    maps::Maps,
+    select::{Lights, Pick, SELECTION},
+};
 use crate::GiParams;
 
 /// Who gathers.
@@ -74,7 +78,7 @@ const BATCH: usize = 1 << 12;
 /// The points that a part of the lights lights, coordinate by coordinate: what each light brings them is calculated for
 /// several at once.
 #[derive(Clone, Default)]
-struct Points {
+pub(super) struct Points {
     /// Their numbers among the receivers.
     numbers: Vec<usize>,
     positions: [Vec<f32>; 3],
@@ -84,7 +88,7 @@ struct Points {
 
 impl Points {
     /// Those of each part.
-    fn by_part(receivers: &[Receiver<'_>], parts: u32) -> Vec<Self> {
+    pub(super) fn by_part(receivers: &[Receiver<'_>], parts: u32) -> Vec<Self> {
         let mut by_part = vec![Self::default(); parts as usize];
         for (number, receiver) in receivers.iter().enumerate() {
             let mut left = receiver.parts;
@@ -102,7 +106,7 @@ impl Points {
     }
 
     /// G of Eq. (1) between each point and a light; of some neither above 0 nor finite, where no light arrives.
-    fn geometry(&self, vpl: &Vpl, min_d: f32, terms: &mut Vec<f32>) {
+    pub(super) fn geometry(&self, vpl: &Vpl, min_d: f32, terms: &mut Vec<f32>) {
         let count = self.numbers.len();
         let [px, py, pz] = self.positions.each_ref().map(|axis| &axis[..count]);
         let [nx, ny, nz] = self.normals.each_ref().map(|axis| &axis[..count]);
@@ -154,13 +158,10 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
     ) -> u64 {
         let tolerance = |receiver: &Receiver<'_>| self.tracer.tolerance(receiver.point.position);
         let tolerances: Vec<f32> = receivers.iter().map(tolerance).collect();
-        let by_part = Points::by_part(receivers, share.parts);
-        let mut count = match self.sight {
-            Sight::Rays => self.by_rays(receivers, &tolerances, &by_part, share.scale, light),
-            Sight::Maps(maps) => {
-                self.by_maps(maps, receivers, &tolerances, &by_part, share.scale, light);
-                0
-            }
+        let mut count = if self.params.selection > 0 {
+            self.of_some(receivers, &tolerances, share, light)
+        } else {
+            self.of_all(receivers, &tolerances, share, light)
         };
         if share.compensate && self.params.compensates() {
             for (receiver, light) in receivers.iter().zip(light) {
@@ -172,6 +173,112 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
         count
     }
 
+    /// Adds what all lights of a part bring to the points of that part, and returns the number of rays.
+    fn of_all(
+        &self,
+        receivers: &[Receiver<'_>],
+        tolerances: &[f32],
+        share: &Share,
+        light: &mut [Vec3],
+    ) -> u64 {
+        let by_part = Points::by_part(receivers, share.parts);
+        match self.sight {
+            Sight::Rays => self.by_rays(receivers, tolerances, &by_part, share.scale, light),
+            Sight::Maps(maps) => {
+                self.by_maps(maps, receivers, tolerances, &by_part, share.scale, light);
+                0
+            }
+        }
+    }
+
+    /// Adds what the lights bring that points pick, and returns the number of rays.
+    fn of_some(
+        &self,
+        receivers: &[Receiver<'_>],
+        tolerances: &[f32],
+        share: &Share,
+        light: &mut [Vec3],
+    ) -> u64 {
+        let mut picks = self.picks(receivers, share);
+        // Rays towards one light beside each other, so that they are alike.
+        picks.sort_unstable_by_key(|pick| (pick.light, pick.receiver));
+        let (mut rays, mut arrivals, mut hidden) = (Vec::new(), Vec::new(), Vec::new());
+        let mut count = 0;
+        for picks in picks.chunks(BATCH) {
+            for pick in picks {
+                let (number, index) = (pick.light as usize, pick.receiver as usize);
+                let (vpl, point) = (&self.vpls[number], receivers[index].point);
+                let arriving = vpl.intensity * (pick.share * share.scale);
+                match self.sight {
+                    Sight::Rays => {
+                        let both = [tolerances[index], self.tolerances[number]];
+                        if let Some(ray) = ray_between(point, vpl, both) {
+                            rays.push(ray);
+                            arrivals.push((index, arriving));
+                        }
+                    }
+                    Sight::Maps(maps) => {
+                        let (position, normal) = (point.position, point.geometric_normal);
+                        light[index] +=
+                            arriving * maps.visibility(number, position, normal, tolerances[index]);
+                    }
+                }
+            }
+            count += rays.len() as u64;
+            self.ask(&mut rays, &mut arrivals, &mut hidden, light);
+        }
+        count
+    }
+
+    /// The lights that points pick of each of their parts.
+    fn picks(&self, receivers: &[Receiver<'_>], share: &Share) -> Vec<Pick> {
+        let (mut picks, mut weights) = (Vec::new(), Vec::new());
+        for part in 0..share.parts {
+            let mut lights = None;
+            for (index, receiver) in receivers.iter().enumerate() {
+                if receiver.parts >> part & 1 == 0 {
+                    continue;
+                }
+                let lights = lights.get_or_insert_with(|| Lights::of_part(self.vpls, part, share));
+                let sampler = Sampler::new(self.params.seed ^ SELECTION, receiver.stream, part);
+                let from = [self.params.min_d, sampler.get_1d(0)];
+                lights.pick(
+                    receiver,
+                    from,
+                    self.params.selection,
+                    &mut weights,
+                    |place, arrives| {
+                        picks.push(Pick {
+                            light: part + place as u32 * share.parts,
+                            receiver: index as u32,
+                            share: arrives,
+                        });
+                    },
+                );
+            }
+        }
+        picks
+    }
+
+    /// Adds what arrives along rays that nothing is in the way of.
+    fn ask(
+        &self,
+        rays: &mut Vec<Ray>,
+        arrivals: &mut Vec<(usize, Vec3)>,
+        hidden: &mut Vec<bool>,
+        light: &mut [Vec3],
+    ) {
+        hidden.clear();
+        hidden.resize(rays.len(), false);
+        self.tracer.any_hits(rays, hidden);
+        rays.clear();
+        for ((index, arriving), hidden) in arrivals.drain(..).zip(hidden) {
+            if !*hidden {
+                light[index] += arriving;
+            }
+        }
+    }
+
     /// Adds what each light of a part brings to the points of that part, and returns the number of rays.
     fn by_rays(
         &self,
@@ -181,21 +288,8 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
         scale: f32,
         light: &mut [Vec3],
     ) -> u64 {
-        let (mut rays, mut arrivals) = (Vec::new(), Vec::new());
-        let mut hidden = Vec::new();
+        let (mut rays, mut arrivals, mut hidden) = (Vec::new(), Vec::new(), Vec::new());
         let mut count = 0;
-        let mut flush = |rays: &mut Vec<Ray>, arrivals: &mut Vec<(usize, Vec3)>| {
-            hidden.clear();
-            hidden.resize(rays.len(), false);
-            self.tracer.any_hits(rays, &mut hidden);
-            count += rays.len() as u64;
-            rays.clear();
-            for ((index, arriving), hidden) in arrivals.drain(..).zip(&hidden) {
-                if !hidden {
-                    light[index] += arriving;
-                }
-            }
-        };
         for (number, vpl) in self.vpls.iter().enumerate() {
             self.arriving(vpl, &by_part[number % by_part.len()], |index, arriving| {
                 let both = [tolerances[index], self.tolerances[number]];
@@ -205,10 +299,12 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> Gather<'a, E, S> {
                 }
             });
             if rays.len() >= BATCH {
-                flush(&mut rays, &mut arrivals);
+                count += rays.len() as u64;
+                self.ask(&mut rays, &mut arrivals, &mut hidden, light);
             }
         }
-        flush(&mut rays, &mut arrivals);
+        count += rays.len() as u64;
+        self.ask(&mut rays, &mut arrivals, &mut hidden, light);
         count
     }
 

@@ -90,7 +90,7 @@ impl Filter {
         stages: &StageTextures,
     ) -> Result<()> {
         let samples = whole(targets.samples(stages));
-        let output = whole(&stages.irradiance);
+        let output = whole(targets.filtered(stages));
         let (normals, depths) = (&targets.normals, &targets.depths);
         match self {
             Self::Nothing => {}

@@ -3,7 +3,7 @@
 use isophote_filters::gpu::texture;
 use isophote_scene::{
     Error,
-    gpu::{ComputePass, Context, Dispatch, Linker, UniformArray, reference::World},
+    gpu::{ComputePass, Context, Dispatch, Linker, Rasters, UniformArray, reference::World},
 };
 use wgpu::{BindingResource, TextureFormat, TextureView};
 
@@ -13,6 +13,10 @@ use crate::{GiParams, Result, cpu::filter::Upsample};
 /// Bytes of a virtual point light: three words of four.
 const VPL: u64 = 48;
 
+/// Bytes of a point of the picture, and how many there are: as in keep.wesl.
+const POINT: u64 = 48;
+pub(super) const POINTS: u64 = 4096;
+
 /// A pass, and what it binds.
 #[derive(Debug)]
 pub(super) struct Bound {
@@ -20,6 +24,8 @@ pub(super) struct Bound {
     pub(super) group: wgpu::BindGroup,
     /// How many of exact tracer, scene and secondary tracer.
     pub(super) others: usize,
+    /// Another renderer's G-buffer, in the secondary tracer's place.
+    pub(super) rasters: Option<wgpu::BindGroup>,
 }
 
 /// What the passes bind.
@@ -28,19 +34,33 @@ pub(super) struct Shared<'a> {
     pub(super) stages: &'a StageTextures,
     pub(super) settings: &'a wgpu::Buffer,
     pub(super) pieces: &'a UniformArray<Piece>,
+    pub(super) rasters: Option<&'a Rasters>,
 }
 
 impl<'a> Shared<'a> {
     /// Everything that any pass binds as group 0, by its binding.
     fn resources(&self, views: &'a [(u32, TextureView)]) -> Vec<(u32, BindingResource<'a>)> {
         let Targets { shot, vpls, .. } = self.targets;
+        let unsorted = self.targets.unsorted.as_ref().unwrap_or(vpls);
+        let points = self.targets.points.as_ref().unwrap_or(vpls);
+        // Paths are done with once their lights are brought together.
+        let sorted = match self.targets.points {
+            Some(_) => shot,
+            None => vpls,
+        };
         let views = views.iter();
         [
             (0, self.settings.as_entire_binding()),
             (PIECE, self.pieces.binding()),
             (2, shot.as_entire_binding()),
-            (3, vpls.as_entire_binding()),
+            (3, unsorted.as_entire_binding()),
             (9, vpls.as_entire_binding()),
+            (27, unsorted.as_entire_binding()),
+            (28, sorted.as_entire_binding()),
+            (34, points.as_entire_binding()),
+            (35, points.as_entire_binding()),
+            (36, shot.as_entire_binding()),
+            (37, vpls.as_entire_binding()),
         ]
         .into_iter()
         .chain(views.map(|(binding, view)| (*binding, BindingResource::TextureView(view))))
@@ -53,7 +73,11 @@ impl<'a> Shared<'a> {
 pub(super) struct Passes {
     pub(super) shoot: Bound,
     pub(super) compact: Bound,
+    /// `None` where neither points nor the picture choose lights.
+    pub(super) sort: Option<Bound>,
     pub(super) camera: Bound,
+    /// Points of the picture, what lights bring them, and the choice; `None` where all lights are kept.
+    pub(super) keep: Option<[Bound; 3]>,
     /// `None` where points see the lights by rays.
     pub(super) maps: Option<Bound>,
     pub(super) direct: Bound,
@@ -62,6 +86,8 @@ pub(super) struct Passes {
     pub(super) indirect: Bound,
     /// `None` where samples compute their own part of the lights alone.
     pub(super) fill: Option<Bound>,
+    /// `None` where filters have the last word.
+    pub(super) refine: Option<Bound>,
     pub(super) compose: Bound,
 }
 
@@ -84,8 +110,11 @@ impl Passes {
             .secondary(world.secondary)
             .feature("compensated", params.compensates())
             .feature("filled", params.fills())
+            .feature("foreign", shared.rasters.is_some())
             .feature("maps", params.shadow_maps().is_some())
-            .feature("mirrored", false);
+            .feature("mirrored", false)
+            .feature("selected", params.selection > 0)
+            .feature("sorted", params.sorts());
         let groups = [
             world.exact.bind_group_layout(),
             world.gpu_scene.bind_group_layout(),
@@ -100,6 +129,18 @@ impl Passes {
                 group: compute.bind(context, &resources)?,
                 compute,
                 others,
+                rasters: None,
+            })
+        };
+        let adopt = |rasters: &Rasters| -> Result<Bound> {
+            let groups = [groups[0], groups[1], rasters.bind_group_layout()];
+            let shader = linker.link("instant_gi::foreign")?;
+            let compute = shader.compute_pass(context, "adopt", &groups, &[PIECE])?;
+            Ok(Bound {
+                group: compute.bind(context, &resources)?,
+                compute,
+                others: 3,
+                rasters: Some(rasters.bind_group().clone()),
             })
         };
         let bound = |module, entry_point, others| linked(&linker, module, entry_point, others);
@@ -107,7 +148,22 @@ impl Passes {
         Ok(Self {
             shoot: bound("emission", "shoot", 2)?,
             compact: bound("emission", "compact", 0)?,
-            camera: bound("gbuffer", "camera", 2)?,
+            sort: match params.sorts() {
+                true => Some(bound("curve", "sort", 0)?),
+                false => None,
+            },
+            keep: match params.kept {
+                0 => None,
+                _ => Some([
+                    bound("keep", "look", 2)?,
+                    bound("keep", "weigh", 0)?,
+                    bound("keep", "keep", 0)?,
+                ]),
+            },
+            camera: match shared.rasters {
+                Some(rasters) => adopt(rasters)?,
+                None => bound("gbuffer", "camera", 2)?,
+            },
             maps: match params.shadow_maps() {
                 Some(_) => Some(bound("maps", "maps", 3)?),
                 None => None,
@@ -125,6 +181,10 @@ impl Passes {
                 true => Some(bound("fill", "fill", 3)?),
                 false => None,
             },
+            refine: match params.refines() {
+                true => Some(bound("refine", "refine", 3)?),
+                false => None,
+            },
             compose: bound("compose", "compose", 2)?,
         })
     }
@@ -133,18 +193,26 @@ impl Passes {
 /// What the stages leave to each other.
 #[derive(Debug)]
 pub(super) struct Targets {
-    /// Room for the lights of each path.
+    /// Room for the lights of each path; then the lights along the curve, where some of them are kept.
     shot: wgpu::Buffer,
+    /// The lights in the order of their paths, where they are sorted.
+    unsorted: Option<wgpu::Buffer>,
+    /// Points of the picture, where lights are kept by what they bring them.
+    points: Option<wgpu::Buffer>,
     pub(super) vpls: wgpu::Buffer,
     hits: TextureView,
     pub(super) normals: TextureView,
     pub(super) depths: TextureView,
+    /// Base colours, where another renderer tells them.
+    colors: Option<TextureView>,
     /// What the tree of rays found without the virtual point lights.
     pub(super) tree: wgpu::Texture,
     /// `None` where the samples are the picture.
     samples: Option<wgpu::Texture>,
     /// Of each sample its part of the light, where the others are filled in.
     parts: Option<wgpu::Texture>,
+    /// What the filters leave, where pixels are refined.
+    filtered: Option<wgpu::Texture>,
     /// The shadow maps of the lights, where points see by them.
     pub(super) atlas: Option<Atlas>,
     maps: Option<wgpu::Texture>,
@@ -161,6 +229,7 @@ impl Targets {
         params: &GiParams,
         upsample: &Upsample,
         size: [u32; 2],
+        is_foreign: bool,
     ) -> Result<(Self, StageTextures)> {
         check_sides(context, size)?;
         let atlas = Atlas::new(context, params)?;
@@ -180,11 +249,26 @@ impl Targets {
         };
         let hits = texture(context, "hits", size, TextureFormat::Rgba32Uint)?;
         let targets = Self {
-            shot: context.storage("light paths", room)?,
-            vpls: context.storage("virtual point lights", 16 + room)?,
+            shot: context.storage("light paths", 16 + room)?,
+            unsorted: match params.sorts() {
+                false => None,
+                true => Some(context.storage("virtual point lights by their paths", 16 + room)?),
+            },
+            points: match params.kept {
+                0 => None,
+                _ => Some(context.storage("points of the picture", POINT * POINTS)?),
+            },
+            vpls: context.storage(
+                "virtual point lights",
+                16 + VPL * u64::from(params.most_lights()),
+            )?,
             hits: whole(&hits),
             normals: guide("normals", size)?,
             depths: guide("depths", size)?,
+            colors: match is_foreign {
+                true => Some(guide("base colours", size)?),
+                false => None,
+            },
             tree: picture("specular but for virtual point lights")?,
             samples: match upsample.is_copy() {
                 true => None,
@@ -192,6 +276,10 @@ impl Targets {
             },
             parts: match params.fills() {
                 true => Some(texture(context, "parts", grid, color)?),
+                false => None,
+            },
+            filtered: match params.refines() {
+                true => Some(texture(context, "filtered", size, color)?),
                 false => None,
             },
             atlas,
@@ -220,11 +308,17 @@ impl Targets {
         self.samples.as_ref().unwrap_or(&stages.irradiance)
     }
 
+    /// Where the filters leave it.
+    pub(super) fn filtered<'a>(&'a self, stages: &'a StageTextures) -> &'a wgpu::Texture {
+        self.filtered.as_ref().unwrap_or(&stages.irradiance)
+    }
+
     /// By their bindings in the shaders.
-    fn views(&self, stages: &StageTextures) -> [(u32, TextureView); 22] {
+    fn views(&self, stages: &StageTextures) -> [(u32, TextureView); 27] {
         let samples = self.samples(stages);
         let own = whole(self.parts.as_ref().unwrap_or(samples));
         let maps = whole(self.maps.as_ref().unwrap_or(samples));
+        let colors = self.colors.as_ref().unwrap_or(&self.normals);
         let [direct, specular, irradiance, indirect, picture] = [
             &stages.direct,
             &stages.specular,
@@ -246,7 +340,7 @@ impl Targets {
             (14, specular.clone()),
             (15, direct),
             (16, specular),
-            (17, irradiance),
+            (17, irradiance.clone()),
             (18, indirect),
             (19, picture),
             (20, own),
@@ -256,6 +350,11 @@ impl Targets {
             (24, whole(&self.tree)),
             (25, maps.clone()),
             (26, maps),
+            (29, whole(self.filtered(stages))),
+            (30, irradiance),
+            (31, colors.clone()),
+            (32, self.normals.clone()),
+            (33, colors.clone()),
         ]
     }
 }
@@ -277,7 +376,7 @@ impl Atlas {
             return Ok(None);
         };
         let most = context.device().limits().max_texture_dimension_2d;
-        let (side, lights) = (maps.resolution, params.paths * params.bounces);
+        let (side, lights) = (maps.resolution, params.most_lights());
         let columns = lights.min(most / side);
         if columns == 0 || lights.div_ceil(columns) > most / side {
             let area = 4 * u64::from(side) * u64::from(side);

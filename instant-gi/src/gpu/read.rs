@@ -31,24 +31,33 @@ impl InstantGi {
             None => (vec![Vec3::ZERO; direct.len()], 0, 0),
         };
         let (_, sample_rays) = colors(context, self.targets.samples(stages))?;
+        let (irradiance, refining_rays) = colors(context, &stages.irradiance)?;
         let (vpls, path_rays) = self.vpls(context)?;
-        let pixels = direct.len() as u64;
+        let camera_rays = match self.rasters {
+            Some(_) => 0,
+            None => direct.len() as u64,
+        };
         let of_map = |maps: &ShadowMaps| rays_of_map(maps.resolution);
         let map_rays = vpls.len() as u64 * self.params.shadow_maps().map_or(0, of_map);
         let passes = [
             ("vpls", path_rays),
-            ("camera", pixels),
+            ("camera", camera_rays),
+            ("keep", 0),
             ("maps", map_rays),
             ("direct", direct_rays + tree_rays),
             ("mirrored", hidden_rays),
             ("indirect", sample_rays),
             ("filter", 0),
+            (
+                "refine",
+                self.passes.refine.as_ref().map_or(0, |_| refining_rays),
+            ),
             ("compose", 0),
         ];
         Ok(Stages {
             direct,
             specular,
-            irradiance: colors(context, &stages.irradiance)?.0,
+            irradiance,
             indirect: colors(context, &stages.indirect)?.0,
             picture: colors(context, &stages.picture)?.0,
             vpls,
@@ -67,7 +76,7 @@ impl InstantGi {
         let buffer = &self.targets.vpls;
         let head: Vec<[u32; 4]> = context.read("virtual point lights", buffer, 1)?;
         let [count, rays, ..] = head[0];
-        let room = self.params.paths * self.params.bounces;
+        let room = self.params.most_lights();
         if count > room {
             return Err(broken(format!(
                 "there are {count} virtual point lights of {room}"

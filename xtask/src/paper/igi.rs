@@ -5,6 +5,7 @@
 mod artefacts;
 mod convergence;
 mod frames;
+mod importance;
 mod maps;
 mod visibility;
 
@@ -26,10 +27,11 @@ pub(super) const REPORT: Report = Report {
     sections: &SECTIONS,
 };
 
-const SECTIONS: [(&str, Measure); 5] = [
+const SECTIONS: [(&str, Measure); 6] = [
     ("frames", frames::measure),
     ("convergence", convergence::measure),
     ("artefacts", artefacts::measure),
+    ("importance", importance::measure),
     ("visibility", visibility::measure),
     ("maps", maps::measure),
 ];

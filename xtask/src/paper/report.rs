@@ -69,14 +69,14 @@ impl Report {
     }
 }
 
-/// A share in percent.
+/// A share in percent, which no line breaks.
 pub(super) fn percent(share: f64) -> String {
-    format!("{:.2} %", 100.0 * share)
+    format!("{:.2}\u{a0}%", 100.0 * share)
 }
 
 /// A share in percent, with its sign.
 pub(super) fn signed(share: f64) -> String {
-    format!("{:+.2} %", 100.0 * share)
+    format!("{:+.2}\u{a0}%", 100.0 * share)
 }
 
 pub(super) fn cells<const N: usize>(texts: [&str; N]) -> Vec<String> {

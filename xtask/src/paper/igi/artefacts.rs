@@ -19,7 +19,7 @@ const TEXT: &str = "Irradiance of 180 light paths, which shows what textures and
 /// The paper's light paths.
 const HALTON: &str = "--igi-sequence=halton";
 
-const WAYS: [(&str, &[&str]); 6] = [
+const WAYS: [(&str, &[&str]); 8] = [
     (
         "the paper's: two filters, normals alone",
         &["--igi-interleaving=3x3", "--igi-filter=paper", HALTON],
@@ -45,7 +45,19 @@ const WAYS: [(&str, &[&str]); 6] = [
         "gaps filled, depths too",
         &["--igi-interleaving=3x3", "--igi-filter=fill"],
     ),
+    (
+        "gaps filled, pixels refined",
+        &[
+            "--igi-interleaving=3x3",
+            "--igi-filter=fill",
+            "--igi-refine=2",
+        ],
+    ),
     ("depths too, not interleaved", &["--igi-filter=edges"]),
+    (
+        "the same, pixels refined",
+        &["--igi-filter=edges", "--igi-refine=2"],
+    ),
 ];
 
 pub(super) fn measure(lab: &Lab) -> Measured {
@@ -65,7 +77,7 @@ pub(super) fn measure(lab: &Lab) -> Measured {
         "at silhouettes",
         "of the paper's",
         "elsewhere",
-        "indirect and filter",
+        "indirect, filter, refine",
     ]);
     parts.insert(0, Part::Text(TEXT.to_owned()));
     parts.insert(1, Part::Table { head, rows });
@@ -119,7 +131,8 @@ fn of_scene(
         let compared = lab.compare_whole(&shot, truth)?;
         let at = number(&compared, "/silhouettes/rel_rmse")?;
         let paper = *of_paper.get_or_insert(at);
-        let seconds = shot.pass_seconds("indirect")? + shot.pass_seconds("filter")?;
+        let passes = ["indirect", "filter", "refine"].map(|name| shot.pass_seconds(name));
+        let seconds: f64 = passes.into_iter().sum::<Result<_>>()?;
         rows.push(vec![
             scene.title.clone(),
             name.to_owned(),

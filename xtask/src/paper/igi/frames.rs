@@ -50,7 +50,7 @@ const PAPER: [Variant; 4] = [
 ];
 
 /// The milder ones that the paper proposes, and ours; to the plain method, all with a lattice for each light.
-const OTHERS: [Variant; 11] = [
+const OTHERS: [Variant; 13] = [
     Variant {
         over: None,
         ..other("plain", "triangles")
@@ -75,6 +75,14 @@ const OTHERS: [Variant; 11] = [
     other(
         "4 × 4 and 3 × 3, gaps filled",
         "triangles:4:3x3:regular:fill",
+    ),
+    other(
+        "4 × 4 and 3 × 3, gaps filled, pixels refined",
+        "triangles:4:3x3:regular:fill+refine/2",
+    ),
+    other(
+        "4 × 4, depths too, pixels refined",
+        "triangles:4:1x1:regular:edges+refine/2",
     ),
     other(
         "boxes, 4 × 4 and 3 × 3, gaps filled",
@@ -106,8 +114,8 @@ const TEXT: &str = "Milliseconds of the stages of a frame and their share, media
     are those of the indirect stage; errors are those of the indirect light against the plain method with the same virtual lights. \
     The paper tells speed-ups, and 2.8 frames/s for Conference with all three shortcuts.";
 
-const STAGES: [&str; 7] = [
-    "vpls", "camera", "direct", "mirrored", "indirect", "filter", "compose",
+const STAGES: [&str; 8] = [
+    "vpls", "camera", "direct", "mirrored", "indirect", "filter", "refine", "compose",
 ];
 
 pub(super) fn measure(lab: &Lab) -> Measured {
@@ -258,6 +266,7 @@ impl<'a> Table<'a> {
             "mirrored",
             "indirect",
             "filter",
+            "refine",
             "compose",
             "speed-up then",
             "now",
@@ -285,7 +294,7 @@ fn row(paths: u32, variant: &Variant, line: &Value, over: Option<&Value>) -> Res
     for name in STAGES {
         let seconds = stage(line, name)?;
         row.push(format!(
-            "{:.0} ({:.0} %)",
+            "{:.0} ({:.0}\u{a0}%)",
             1e3 * seconds,
             100.0 * seconds / frame
         ));
