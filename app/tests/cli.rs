@@ -564,6 +564,53 @@ fn the_technique_igi_renders() {
     }
 }
 
+/// Occlusion and indirect light by layered depth maps are near the reference, the screen-space baseline too where occluders are
+/// near; flags of other techniques are refused.
+#[test]
+fn the_technique_ldm_renders() {
+    let place = Place::new();
+    let render = |more: &[&str]| {
+        let common = ["render", "builtin:cornell", "--size=48x36", "-q"];
+        place.ok(&[&common[..], more].concat());
+    };
+    let error = |picture: &str, reference: &str| {
+        let report = place.json(&["compare", picture, reference, "--json"]);
+        report["grey_rms"].as_f64().unwrap()
+    };
+    let near = ["--quantity=ao", "--d-max=0.1"];
+    let maps = ["--technique=ldm", "--ldm-maps=128"];
+    render(&[&near[..], &["--spp=512", "-o", "near.exr"]].concat());
+    render(&[&near[..], &maps, &["-o", "maps.exr"]].concat());
+    let hbao = ["--technique=ldm", "--ldm-occlusion=hbao"];
+    render(&[&near[..], &hbao, &["-o", "hbao.exr"]].concat());
+    for (picture, most) in [("maps.exr", 12.0), ("hbao.exr", 20.0)] {
+        let error = error(picture, "near.exr");
+        assert!(error < most, "{picture}: {error} grey levels");
+    }
+    render(&["--quantity=ao", "--spp=512", "-o", "far.exr"]);
+    render(&[&maps[..], &["--quantity=ao", "-o", "open.exr"]].concat());
+    assert!(error("open.exr", "far.exr") < 9.0);
+    let light = ["--quantity=indirect", "--materials=lambert"];
+    render(&[&light[..], &["--spp=256", "-o", "reference.exr"]].concat());
+    render(&[&light[..], &maps, &["-o", "light.exr"]].concat());
+    let report = place.json(&["compare", "light.exr", "reference.exr", "--json"]);
+    assert!(report["bias"].as_f64().unwrap().abs() < 0.1, "{report}");
+    for (flags, expected) in [
+        (&["--technique=ldm", "--spp=4"][..], "--ldm-maps"),
+        (&["--technique=ldm", "--quantity=path"], "but not path"),
+        (&["--ldm-maps=4"], "--technique ldm"),
+        (
+            &["--technique=ldm", "--quantity=ao", "--ldm-occlusion=hbao"],
+            "--d-max",
+        ),
+    ] {
+        place.refused(
+            &[&["render", "builtin:cornell", "-o", "out.exr"], flags].concat(),
+            expected,
+        );
+    }
+}
+
 /// A quick render by the technique ldi, with further arguments.
 fn hybrid<'a>(more: &[&'a str]) -> Vec<&'a str> {
     let quick = [

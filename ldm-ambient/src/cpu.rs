@@ -12,6 +12,7 @@ mod packed;
 pub mod photons;
 mod points;
 mod raster;
+mod reach;
 pub mod trace;
 mod triangles;
 pub(crate) mod view;

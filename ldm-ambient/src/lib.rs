@@ -5,7 +5,7 @@
 //! 1. [`cpu::Triangles`]: what is drawn into every map.
 //! 2. `cpu/view.rs`: how a map looks at it, along one of the [`Directions`] (§3.2), fitted around the points it is asked for.
 //! 3. `cpu/raster.rs`: which pixels a triangle covers, and how deep.
-//! 4. `cpu/maps.rs`: layered depth maps (§3): count, prefix sum, fill, sort.
+//! 4. `cpu/maps.rs`: layered depth maps (§3): count, prefix sum, fill, sort; `cpu/reach.rs`: what of them nobody asks for.
 //! 5. [`cpu::trace`]: rays through maps (§3.1), stored or streamed.
 //! 6. [`cpu::occlusion`]: ambient occlusion, obscurance and bent normals (§3.3, §4.1).
 //! 7. [`cpu::photons`]: photon differentials leave the lights (§3.4, §4.2); points look along the maps for what lights them, or
@@ -36,8 +36,10 @@
 //!   Eq. (2) is divided by the sum of its cosines and not by N/2, so that an open sky is 1 at every normal.
 //! - Maps are streamed: built, asked for all points, dropped. Memory does not grow with N. [`LdmTracer`] stores them.
 //! - Maps are fitted around the points, not the scene. Their pixels are as many as asked for and square.
-//! - A point is moved to the line of its pixel's centre within its own plane; where its surface does not reach so far, another
-//!   pixel is asked. The paper compares depths as they are, with a tolerance.
+//! - A point is moved to the line of its pixel's centre within its own plane; where its surface does not reach so far, the pixels
+//!   beside it are asked. The paper compares depths as they are, with a tolerance.
+//! - With `d_max` a map holds what is within the reach of the points that ask it, and in no order: who looks through all layers
+//!   of a pixel, eight points at a time, needs none.
 //! - Without `d_max` a map keeps the first and the last layer of each pixel: nothing else is asked for.
 //! - Several points of a pixel share the maps between them.
 //! - Parts of a photon that run along a map keep the footprint they had ([`Spread::Parallel`]); the paper's turned differentials

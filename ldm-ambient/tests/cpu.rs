@@ -268,6 +268,27 @@ fn maps_answer_as_an_exact_tracer_does() {
     assert!((2.0 * hit.t - behind[0].1).abs() < 1e-4);
 }
 
+/// Five squares above each other are five layers in every pixel of a map along their normal, and their heights are the depths.
+#[test]
+fn layers_are_those_of_a_stack() {
+    let heights = [0.0, 0.3, 0.31, 2.0, 7.5];
+    let place = |&y: &f32| (1.0, Affine3A::from_translation(y * Vec3::Y));
+    let scene = Arc::new(squares(&heights.iter().map(place).collect::<Vec<_>>()));
+    let options = MapParams {
+        maps: 1,
+        resolution: 50,
+        ..MapParams::default()
+    };
+    let maps = LdmTracer::build(&scene, &Selection::default(), &options).unwrap();
+    assert_eq!(maps.directions()[0].abs(), Vec3::Y);
+    assert_eq!(maps.layers(), 5 * 50 * 50);
+    let mut found = maps.point_cloud(0);
+    found.sort_by(|a, b| a.y.total_cmp(&b.y));
+    for (layer, height) in found.chunks(50 * 50).zip(heights) {
+        assert!(layer.iter().all(|point| (point.y - height).abs() < 2e-4));
+    }
+}
+
 /// What moves is drawn where it is.
 #[test]
 fn maps_follow_what_moves() {

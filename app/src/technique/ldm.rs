@@ -75,6 +75,9 @@ enum OcclusionChoice {
 /// How far splats reach out of their planes: a receiving surface is rarely one plane.
 const SPLAT_FLATNESS: f32 = 3.0;
 
+/// Directions of a pixel in HBAO, of all its points; each has at least four.
+const HBAO_DIRECTIONS: u32 = 16;
+
 /// Values of the quantities, layers of their own, and what it took.
 #[derive(Default)]
 struct Found {
@@ -241,15 +244,38 @@ impl LdmTechnique {
             order.settings.d_max.is_finite(),
             "--ldm-occlusion hbao needs a finite --d-max: it knows nothing beyond the picture"
         );
-        let seen = self.see(triangles, exact, order, found);
+        let (scene, normals) = (triangles.scene(), order.settings.normals);
+        let samples = self.ldm_samples;
         let params = HbaoParams {
             d_max: order.settings.d_max,
+            // Points of a pixel share the directions.
+            directions: (HBAO_DIRECTIONS / samples).max(4),
             ..HbaoParams::default()
         };
-        let skies = Pass::timed(&mut found.passes, "occlusion", || {
-            (hbao(&seen, order.camera, &params), [0, 0])
-        });
-        Ok(skies?)
+        let mut skies = Vec::new();
+        for sample in 0..samples {
+            let points = Pass::timed(&mut found.passes, "camera", || {
+                let (camera, size) = (order.camera, order.size);
+                let points = Points::from_camera(scene, exact, camera, size, sample, normals);
+                (points, [u64::from(size[0]) * u64::from(size[1]), 0])
+            });
+            let more = Pass::timed(&mut found.passes, "occlusion", || {
+                (
+                    hbao(&points, order.camera, order.size, sample, &params),
+                    [0, 0],
+                )
+            })?;
+            skies.resize(more.len(), (0.0, 0.0));
+            for (sum, sky) in skies.iter_mut().zip(more) {
+                *sum = (sum.0 + sky.ao, sum.1 + sky.obscurance);
+            }
+        }
+        let mean = |(ao, obscurance): &(f32, f32)| Sky {
+            ao: ao / samples as f32,
+            obscurance: obscurance / samples as f32,
+            bent_normal: Vec3::ZERO,
+        };
+        Ok(skies.iter().map(mean).collect())
     }
 
     fn photons(&self, order: &Order<'_>) -> PhotonParams {

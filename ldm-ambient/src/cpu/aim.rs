@@ -2,17 +2,21 @@
 //!
 //! A layer is the surface at the centre of a pixel, and x is not there: x is moved to the centre's line within the plane it
 //! lies in, so that a plane never shadows itself however steep the map sees it. Where the surface of x does not reach so far,
-//! in a corner or at an edge, another of the four pixels around x is asked.
+//! in a corner or at an edge, the pixels beside it are asked.
 
 use super::{
     lanes::Simd,
-    maps::{Extents, Map},
+    maps::{Extents, Map, Quads},
     points::PointBlock,
     view::View,
 };
 
 /// How far a point is moved at most along a map's direction to reach a pixel's centre, pixels.
 const STEEPEST: f32 = 64.0;
+
+/// Points whose planes have less of a cosine to the direction ask no other pixel: those planes are narrower than a pixel in
+/// the map, and hardly count.
+const STEEP: f32 = 0.15;
 
 /// What eight points see along a map.
 #[derive(Clone, Copy)]
@@ -84,6 +88,36 @@ impl Layers for Map {
     }
 }
 
+impl Layers for Quads {
+    #[inline(always)]
+    fn view(&self) -> &View {
+        &self.view
+    }
+
+    #[inline(always)]
+    fn ahead<S: Simd>(&self, simd: S, points: &Question<S>, _: bool) -> (S::Floats, S::Mask) {
+        let (one, four) = (simd.splat_int(1), simd.splat_int(4));
+        let mut place = simd.gather_ints(&self.firsts, points.pixels);
+        let end = simd.gather_ints(&self.firsts, simd.add_ints(points.pixels, one));
+        let none = simd.splat(f32::INFINITY);
+        let (mut ahead, mut known) = (none, simd.none());
+        loop {
+            let there = simd.and(points.asking, simd.less_ints(place, end));
+            if simd.bits(there) == 0 {
+                return (ahead, known);
+            }
+            // Nothing is in the first four.
+            for depths in simd.quads(&self.depths, simd.where_set(there, place)) {
+                let offset = simd.mul(simd.sub(depths, points.depths), points.signs);
+                known = simd.or(known, simd.at_most(simd.abs(offset), points.tolerance));
+                let beyond = simd.less(points.tolerance, offset);
+                ahead = simd.min(simd.select(beyond, offset, none), ahead);
+            }
+            place = simd.add_ints(place, four);
+        }
+    }
+}
+
 impl Layers for Extents {
     #[inline(always)]
     fn view(&self) -> &View {
@@ -142,23 +176,24 @@ impl<S: Simd> Aim<S> {
             depths: question.depths,
             ahead,
         };
-        let mut unknown = simd.and_not(above, known);
+        let steep = simd.less(simd.abs(facing), simd.splat(STEEP));
+        let mut unknown = simd.and_not(simd.and_not(above, known), steep);
         if simd.bits(unknown) == 0 {
             return aim;
         }
-        // Of the four pixels around a point the neighbour across the nearer side first.
+        // The neighbour across the nearer side first; that across the corner hardly ever knows more.
         let (aside_x, far_x) = aside(simd, place.at[0], i);
         let (aside_y, far_y) = aside(simd, place.at[1], j);
         let x_first = simd.at_most(far_y, far_x);
-        let (first_x, first_y) = (
+        let first = (
             simd.select(x_first, aside_x, i),
             simd.select(x_first, j, aside_y),
         );
-        let (then_x, then_y) = (
+        let then = (
             simd.select(x_first, i, aside_x),
             simd.select(x_first, aside_y, j),
         );
-        for (i, j) in [(first_x, first_y), (then_x, then_y), (aside_x, aside_y)] {
+        for (i, j) in [first, then] {
             question.asking = simd.and(unknown, inside(simd, view, i, j));
             question.pixels = place.pixel(simd, i, j);
             question.depths = place.depth(simd, i, j);

@@ -3,16 +3,23 @@
 //!
 //! Around the direction to the eye, in planes of equal angles, it marches over the depths up to `d_max` and follows the horizon:
 //! how near to that direction surfaces stand. Every sample that raises the horizon adds the part of the hemisphere that it
-//! hides. Bavoil's parts are uniform; here they have the cosine of Eq. (1), so that both converge to the same.
+//! hides. Bavoil's parts are uniform; here they have the cosine of Eq. (1), and his attenuation is that of obscurance, so that
+//! both converge to the same.
+//!
+//! Bavoil turns the planes from pixel to pixel and blurs the picture. Here they are turned from one point of a pixel to the next,
+//! and the mean of its points is what maps are compared with, which have as many.
 
 use std::f32::consts::{FRAC_PI_2, TAU};
 
 use glam::{Vec2, Vec3};
-use isophote_scene::{Camera, GBuffer};
+use isophote_scene::{Camera, Pinhole, sample::radical_inverse};
 use rayon::prelude::*;
 
-use super::{occlusion::Sky, photons::Screen};
+use super::{Point, Points, occlusion::Sky, points::place_of};
 use crate::{Error, Result};
+
+/// Surfaces that stand less over a point's plane than this, as a sine, are that plane.
+const FLAT: f32 = 1e-2;
 
 /// What can be chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,7 +28,7 @@ pub struct HbaoParams {
     pub d_max: f32,
     /// Directions in the picture, 1 to 1024.
     pub directions: u32,
-    /// Samples along each, 1 to 1024.
+    /// Samples along each at most, 1 to 1024: no two are nearer to each other than a pixel.
     pub steps: u32,
 }
 
@@ -30,16 +37,23 @@ impl Default for HbaoParams {
         Self {
             d_max: 1.0,
             directions: 16,
-            steps: 24,
+            steps: 32,
         }
     }
 }
 
-/// The occlusion of every pixel of what a camera sees, row by row; there are no bent normals.
+/// The occlusion of every pixel by what a camera sees at one place of each, row by row; there are no bent normals. The points are
+/// those of [`Points::from_camera`] for the same camera, size in pixels and sample.
 ///
 /// # Errors
 /// [`Error::Parameter`] for parameters out of their range.
-pub fn hbao(seen: &GBuffer, camera: &Camera, params: &HbaoParams) -> Result<Vec<Sky>> {
+pub fn hbao(
+    points: &Points,
+    camera: &Camera,
+    size: [u32; 2],
+    sample: u32,
+    params: &HbaoParams,
+) -> Result<Vec<Sky>> {
     if !(params.d_max > 0.0 && params.d_max.is_finite()) {
         return Err(Error::parameter(
             "d_max",
@@ -55,48 +69,116 @@ pub fn hbao(seen: &GBuffer, camera: &Camera, params: &HbaoParams) -> Result<Vec<
             return Err(Error::parameter(name, value, "it must be 1 to 1024"));
         }
     }
-    let screen = Screen::new(seen, camera);
-    let width = seen.size[0] as usize;
-    let sky = |(index, seen): (usize, &Option<isophote_scene::Seen>)| {
-        let Some(seen) = seen else { return Sky::OPEN };
-        let at = Vec2::new((index % width) as f32, (index / width) as f32) + 0.5;
-        horizon(&screen, seen.point.position, seen.normal(), at, params)
-    };
-    Ok(seen.pixels.par_iter().enumerate().map(sky).collect())
+    let screen = Screen::new(points, camera, size, sample);
+    let turn = radical_inverse(2, sample);
+    let found: Vec<Sky> = points
+        .points
+        .par_iter()
+        .zip(&points.indices)
+        .map(|(point, &index)| horizon(&screen, point, screen.center(index), turn, params))
+        .collect();
+    let mut skies = vec![Sky::OPEN; screen.points.len()];
+    for (sky, &index) in found.into_iter().zip(&points.indices) {
+        skies[index as usize] = sky;
+    }
+    Ok(skies)
 }
 
-/// The hemisphere of a pixel's point.
-fn horizon(screen: &Screen, point: Vec3, normal: Vec3, at: Vec2, params: &HbaoParams) -> Sky {
-    let reach = params.d_max * screen.pixels_per_metre(point);
-    let [width, height] = screen.size.map(|side| side as f32);
-    let view = (screen.eye() - point).normalize();
+/// What a camera sees, as its depths tell.
+struct Screen {
+    size: [u32; 2],
+    /// Row by row.
+    points: Vec<Option<Vec3>>,
+    eye: Pinhole,
+    /// Half the picture's height in pixels over the tangent of half the opening.
+    scale: f32,
+    /// Where in its pixel each point is.
+    place: Vec2,
+}
+
+impl Screen {
+    fn new(points: &Points, camera: &Camera, size: [u32; 2], sample: u32) -> Self {
+        let mut seen = vec![None; size[0] as usize * size[1] as usize];
+        for (point, &index) in points.points.iter().zip(&points.indices) {
+            seen[index as usize] = Some(point.position);
+        }
+        let eye = camera.pinhole();
+        Self {
+            size,
+            points: seen,
+            eye,
+            scale: 0.5 * size[1] as f32 / (0.5 * eye.yfov).tan(),
+            place: place_of(sample),
+        }
+    }
+
+    /// Where a pixel's point is in the picture, pixels.
+    fn center(&self, index: u32) -> Vec2 {
+        Vec2::new((index % self.size[0]) as f32, (index / self.size[0]) as f32) + self.place
+    }
+
+    /// Where a point is in the picture; none where it is behind the viewer.
+    fn project(&self, point: Vec3) -> Option<Vec2> {
+        let offset = point - self.eye.eye;
+        let depth = offset.dot(self.eye.forward);
+        if depth <= 1e-4 {
+            return None;
+        }
+        let at =
+            Vec2::new(offset.dot(self.eye.right), -offset.dot(self.eye.up)) * (self.scale / depth);
+        Some(at + 0.5 * Vec2::new(self.size[0] as f32, self.size[1] as f32))
+    }
+
+    /// The pixel whose point is nearest to a place.
+    fn pixel(&self, at: Vec2) -> Option<usize> {
+        let pixel = (at - self.place + 0.5).floor();
+        let inside = pixel.cmpge(Vec2::ZERO).all()
+            && pixel.x < self.size[0] as f32
+            && pixel.y < self.size[1] as f32;
+        inside.then(|| (pixel.y as u32 * self.size[0] + pixel.x as u32) as usize)
+    }
+}
+
+/// The hemisphere of a pixel's point, in planes that are turned by a part of the angle between two.
+fn horizon(screen: &Screen, point: &Point, at: Vec2, turn: f32, params: &HbaoParams) -> Sky {
+    let position = point.position;
+    let (normal, plane) = (point.shading_normal, point.geometric_normal);
+    let reach = params.d_max * screen.scale / screen.eye.depth(position).max(1e-4);
+    let steps = params.steps.min(reach.ceil() as u32).max(1);
+    let view = (screen.eye.eye - position).normalize();
     let (tangent, bitangent) = view.any_orthonormal_pair();
     let (mut hidden, mut attenuated) = (0.0, 0.0);
     for direction in 0..params.directions {
-        let turn = Vec2::from_angle(TAU * direction as f32 / params.directions as f32);
-        let side = turn.x * tangent + turn.y * bitangent;
-        let Some(along) = screen.project(point + 1e-2 * params.d_max * side) else {
+        let angle = TAU * (direction as f32 + turn) / params.directions as f32;
+        let side = angle.cos() * tangent + angle.sin() * bitangent;
+        let Some(along) = screen.project(position + 1e-2 * params.d_max * side) else {
             continue;
         };
         let along = (along - at).normalize_or_zero();
         let slice = Slice::new(normal.dot(view), normal.dot(side));
-        // From the direction to the eye.
-        let mut lowest = slice.tangent;
+        // From the direction to the eye. Nothing comes from below the plane the point lies in either.
+        let mut lowest = slice.tangent();
+        let below = Slice::new(plane.dot(view), plane.dot(side)).tangent();
         let mut open = slice.openness(lowest);
-        for step in 1..=params.steps {
+        if below < lowest {
+            let rest = slice.openness(below);
+            hidden += open - rest;
+            attenuated += open - rest;
+            (lowest, open) = (below, rest);
+        }
+        for step in 1..=steps {
             // Closer steps near the point, where there is more to hide.
-            let share = (step as f32 / params.steps as f32).powi(2);
-            let place = at + along * (share * reach).max(step as f32);
-            if place.x < 0.0 || place.y < 0.0 || place.x >= width || place.y >= height {
+            let share = (step as f32 / steps as f32).powi(2);
+            let Some(pixel) = screen.pixel(at + along * (share * reach).max(step as f32)) else {
                 break;
-            }
-            let Some((other, _)) = screen.surface(place) else {
+            };
+            let Some(other) = screen.points[pixel] else {
                 continue;
             };
-            let offset = other - point;
+            let offset = other - position;
             let distance = offset.length();
-            // A pixel's centre is beside the slice: what does not stand over the tangent plane hides nothing.
-            if distance >= params.d_max || offset.dot(normal) <= 1e-3 * distance {
+            // A pixel's point is beside the slice: what does not stand over the point's plane hides nothing.
+            if distance >= params.d_max || offset.dot(plane) <= FLAT * distance {
                 continue;
             }
             let angle = (offset.dot(view) / distance).clamp(-1.0, 1.0).acos();
@@ -110,8 +192,8 @@ fn horizon(screen: &Screen, point: Vec3, normal: Vec3, at: Vec2, params: &HbaoPa
     }
     let share = 2.0 / params.directions as f32;
     Sky {
-        ao: (1.0 - share * hidden).max(0.0),
-        obscurance: (1.0 - share * attenuated).max(0.0),
+        ao: (1.0 - share * hidden).clamp(0.0, 1.0),
+        obscurance: (1.0 - share * attenuated).clamp(0.0, 1.0),
         bent_normal: Vec3::ZERO,
     }
 }
@@ -121,19 +203,20 @@ struct Slice {
     /// Of the normal in the plane: its length, and its angle.
     length: f32,
     angle: f32,
-    /// Of the tangent plane.
-    tangent: f32,
 }
 
 impl Slice {
     /// Of the normal's parts towards the eye and across.
     fn new(towards: f32, across: f32) -> Self {
-        let angle = across.atan2(towards);
         Self {
             length: towards.hypot(across),
-            angle,
-            tangent: angle + FRAC_PI_2,
+            angle: across.atan2(towards),
         }
+    }
+
+    /// The angle of the tangent plane.
+    fn tangent(&self) -> f32 {
+        self.angle + FRAC_PI_2
     }
 
     /// How much of the hemisphere lies between the direction to the eye and an angle, by the cosine to the normal, for a unit

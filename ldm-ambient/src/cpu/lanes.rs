@@ -53,6 +53,8 @@ pub(crate) trait Simd: Copy {
     fn whole(self, value: Self::Floats) -> Self::Ints;
     /// Wraps.
     fn add_ints(self, a: Self::Ints, b: Self::Ints) -> Self::Ints;
+    /// The values where the mask is set, and else 0.
+    fn where_set(self, mask: Self::Mask, values: Self::Ints) -> Self::Ints;
     /// Of numbers below 2³¹.
     fn less_ints(self, a: Self::Ints, b: Self::Ints) -> Self::Mask;
     /// From a table; the last entry for places beyond it. An empty one has zeros.
@@ -65,6 +67,10 @@ pub(crate) trait Simd: Copy {
         mask: Self::Mask,
         otherwise: Self::Floats,
     ) -> Self::Floats;
+
+    /// Four that follow each other from each place of a table, by how far they are from it; the last four for places beyond them.
+    /// A table of fewer has zeros.
+    fn quads(self, table: &[f32], places: Self::Ints) -> [Self::Floats; 4];
 
     /// The scalar products of eight vectors with one.
     #[inline(always)]
@@ -103,15 +109,4 @@ pub(crate) fn with_registers(work: impl Work) {
         );
     }
     work.run(Portable);
-}
-
-/// The scalar products of eight vectors with one.
-#[inline(always)]
-pub(crate) fn dot(vectors: &Vectors, with: Vec3) -> Lanes {
-    let [x, y, z] = vectors;
-    let mut products = [0.0; LANES];
-    for lane in 0..LANES {
-        products[lane] = x[lane] * with.x + y[lane] * with.y + z[lane] * with.z;
-    }
-    products
 }

@@ -1,14 +1,25 @@
 //! Stage 4, a layered depth map: every surface along each pixel's line, sorted (§3).
 //!
-//! Fragments are drawn and counted by pixel, the counts are summed up (the prefix sum), the fragments filled into their
-//! pixels, and those sorted. Where it is enough to know the first and the last layer, [`Extents`] keeps nothing else.
+//! Rows of pixels are drawn and their layers counted, the counts are summed up (the prefix sum), the layers filled into their
+//! pixels, and those sorted ([`Map`]) or in groups ([`Quads`]). Where it is enough to know the first and the last layer, [`Extents`]
+//! keeps nothing else.
 
 use super::{
-    lanes::vectorised,
-    raster::{Span, Target, draw},
+    lanes::with_registers,
+    raster::{Draw, Span, Target},
+    reach::{Reach, Within},
     triangles::Triangles,
     view::View,
 };
+
+/// Draws into a target.
+fn draw(triangles: &Triangles<'_>, view: &View, target: &mut impl Target) {
+    with_registers(Draw {
+        triangles,
+        view,
+        target,
+    });
+}
 
 /// The layers of one direction.
 pub(crate) struct Map {
@@ -22,64 +33,99 @@ pub(crate) struct Map {
 /// Memory that is used again for every map.
 #[derive(Default)]
 pub(crate) struct Scratch {
-    fragments: Fragments,
-}
-
-/// What has been drawn so far, in the order of drawing.
-#[derive(Default)]
-struct Fragments {
-    pixels: Vec<u32>,
-    depths: Vec<f32>,
+    /// What has been drawn so far, in the order of drawing.
+    spans: Vec<Span>,
+    /// How many layers each pixel has; then where its next one goes.
     counts: Vec<u32>,
 }
 
-impl Target for Fragments {
+impl Target for Scratch {
     #[inline(always)]
     fn cover(&mut self, span: &Span) {
-        for pixel in 0..span.count {
-            let index = span.first + pixel;
-            self.pixels.push(index as u32);
-            self.depths.push(span.at(pixel));
-            self.counts[index] += 1;
+        let first = span.first as usize;
+        for count in &mut self.counts[first..first + span.count as usize] {
+            *count += 1;
+        }
+        self.spans.push(*span);
+    }
+}
+
+impl Scratch {
+    /// Draws and counts.
+    fn draw(&mut self, triangles: &Triangles<'_>, view: &View, reach: Option<&Reach>) {
+        self.spans.clear();
+        self.counts.clear();
+        self.counts.resize(view.pixels(), 0);
+        match reach {
+            Some(reach) => {
+                let target = self;
+                draw(triangles, view, &mut Within { reach, target });
+            }
+            None => draw(triangles, view, self),
         }
     }
+
+    /// The prefix sum, in groups of so many layers, the first of which begins there: where the layers of each pixel begin, and the
+    /// end, which it returns.
+    fn sum_up(&mut self, group: u32, begin: u32, firsts: &mut Vec<u32>) -> usize {
+        firsts.clear();
+        firsts.reserve_exact(self.counts.len() + 1);
+        let mut sum = begin;
+        for count in &mut self.counts {
+            firsts.push(sum);
+            // From here on where the pixel's next layer goes.
+            sum += std::mem::replace(count, sum).next_multiple_of(group);
+        }
+        firsts.push(sum);
+        sum as usize
+    }
+
+    /// The layers in their pixels.
+    fn fill(&mut self, depths: &mut [f32]) {
+        for span in &self.spans {
+            let first = span.first as usize;
+            let nexts = &mut self.counts[first..first + span.count as usize];
+            for (pixel, next) in nexts.iter_mut().enumerate() {
+                depths[*next as usize] = span.at(pixel);
+                *next += 1;
+            }
+        }
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        self.spans.capacity() * size_of::<Span>() + self.counts.capacity() * size_of::<u32>()
+    }
+}
+
+/// A map that is drawn again and again in the same memory.
+pub(crate) trait Redrawn: Default + Send + Sync {
+    /// Draws what is within reach of the points that will ask.
+    fn redraw(
+        &mut self,
+        triangles: &Triangles<'_>,
+        view: View,
+        reach: Option<&Reach>,
+        scratch: &mut Scratch,
+    );
+
+    fn bytes(&self) -> usize;
 }
 
 impl Map {
     /// Draws, counts, sums up, fills and sorts.
     pub(crate) fn build(triangles: &Triangles<'_>, view: View, scratch: &mut Scratch) -> Self {
-        let fragments = &mut scratch.fragments;
-        fragments.pixels.clear();
-        fragments.depths.clear();
-        fragments.counts.clear();
-        fragments.counts.resize(view.pixels(), 0);
-        vectorised(|| draw(triangles, &view, fragments));
-        let mut map = Self::filled(view, fragments);
-        map.sort();
-        map
-    }
-
-    /// The prefix sum, and the fragments in their pixels.
-    fn filled(view: View, fragments: &mut Fragments) -> Self {
+        scratch.draw(triangles, &view, None);
         let mut firsts = Vec::with_capacity(view.pixels() + 1);
-        let mut sum = 0;
-        for count in &mut fragments.counts {
-            firsts.push(sum);
-            // From here on where the pixel's next fragment goes.
-            sum += std::mem::replace(count, sum);
-        }
-        firsts.push(sum);
-        let mut depths = vec![0.0; fragments.depths.len()];
-        for (&pixel, &depth) in fragments.pixels.iter().zip(&fragments.depths) {
-            let next = &mut fragments.counts[pixel as usize];
-            depths[*next as usize] = depth;
-            *next += 1;
-        }
-        Self {
+        let layers = scratch.sum_up(1, 0, &mut firsts);
+        let mut depths = vec![0.0; layers];
+        scratch.fill(&mut depths);
+        let mut map = Self {
             view,
             firsts,
             depths,
-        }
+        };
+        map.sort();
+        map
     }
 
     fn sort(&mut self) {
@@ -106,13 +152,42 @@ impl Map {
     pub(crate) fn layers(&self, pixel: usize) -> &[f32] {
         &self.depths[self.firsts[pixel] as usize..self.firsts[pixel + 1] as usize]
     }
+}
 
-    pub(crate) fn bytes(&self) -> usize {
-        size_of_val(&self.firsts[..]) + size_of_val(&self.depths[..])
+/// Layers in no order, in groups of four: who looks through all of them is faster without the sorting.
+#[derive(Default)]
+pub(crate) struct Quads {
+    pub(crate) view: View,
+    /// Where each pixel's layers begin, and their end.
+    pub(crate) firsts: Vec<u32>,
+    /// Depths, metres; infinite to the end of a group. In the first group there is nothing.
+    pub(crate) depths: Vec<f32>,
+}
+
+impl Redrawn for Quads {
+    fn redraw(
+        &mut self,
+        triangles: &Triangles<'_>,
+        view: View,
+        reach: Option<&Reach>,
+        scratch: &mut Scratch,
+    ) {
+        self.view = view;
+        scratch.draw(triangles, &view, reach);
+        let end = scratch.sum_up(4, 4, &mut self.firsts);
+        self.depths.clear();
+        self.depths.reserve_exact(end);
+        self.depths.resize(end, f32::INFINITY);
+        scratch.fill(&mut self.depths);
+    }
+
+    fn bytes(&self) -> usize {
+        (self.firsts.capacity() + self.depths.capacity()) * size_of::<f32>()
     }
 }
 
 /// The first and the last layer of each pixel.
+#[derive(Default)]
 pub(crate) struct Extents {
     pub(crate) view: View,
     /// Depths, metres; infinite where there is no layer.
@@ -124,7 +199,8 @@ pub(crate) struct Extents {
 impl Target for Extents {
     #[inline(always)]
     fn cover(&mut self, span: &Span) {
-        let pixels = span.first..span.first + span.count;
+        let first = span.first as usize;
+        let pixels = first..first + span.count as usize;
         let both = self.lows[pixels.clone()]
             .iter_mut()
             .zip(&mut self.highs[pixels]);
@@ -136,19 +212,28 @@ impl Target for Extents {
     }
 }
 
-impl Extents {
-    pub(crate) fn build(triangles: &Triangles<'_>, view: View) -> Self {
-        let mut extents = Self {
-            view,
-            lows: vec![f32::INFINITY; view.pixels()],
-            highs: vec![f32::NEG_INFINITY; view.pixels()],
-        };
-        vectorised(|| draw(triangles, &view, &mut extents));
-        extents
+impl Redrawn for Extents {
+    /// The first and the last layer may be anywhere, so all are drawn.
+    fn redraw(
+        &mut self,
+        triangles: &Triangles<'_>,
+        view: View,
+        _: Option<&Reach>,
+        _: &mut Scratch,
+    ) {
+        self.view = view;
+        for (values, none) in [
+            (&mut self.lows, f32::INFINITY),
+            (&mut self.highs, f32::NEG_INFINITY),
+        ] {
+            values.clear();
+            values.resize(view.pixels(), none);
+        }
+        draw(triangles, &view, self);
     }
 
-    pub(crate) fn bytes(&self) -> usize {
-        size_of_val(&self.lows[..]) + size_of_val(&self.highs[..])
+    fn bytes(&self) -> usize {
+        (self.lows.capacity() + self.highs.capacity()) * size_of::<f32>()
     }
 }
 
@@ -233,7 +318,8 @@ mod tests {
         for &direction in Directions::new(5).vectors() {
             let view = View::fit(direction, &[triangles.bounds], Vec3::X, 300);
             let map = Map::build(&triangles, view, &mut Scratch::default());
-            let extents = Extents::build(&triangles, view);
+            let mut extents = Extents::default();
+            extents.redraw(&triangles, view, None, &mut Scratch::default());
             for pixel in 0..view.pixels() {
                 let layers = map.layers(pixel);
                 assert!(layers.is_sorted());

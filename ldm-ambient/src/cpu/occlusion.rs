@@ -5,6 +5,8 @@
 //! layer before x along ω within `d_max` (Eq. (3)), or t/`d_max` of the nearest for obscurance. Without it the first and last
 //! layer of each pixel say all.
 
+use std::sync::{Mutex, PoisonError};
+
 use glam::Vec3;
 use isophote_scene::{Aabb, reference::Progress};
 use rayon::prelude::*;
@@ -12,8 +14,9 @@ use rayon::prelude::*;
 use super::{
     aim::{Aim, Layers},
     lanes::{LANES, Lanes, Simd, Vectors, Work, with_registers},
-    maps::{Extents, Map, Scratch},
-    points::{PointBlock, Points},
+    maps::{Extents, Quads, Redrawn, Scratch},
+    points::{Point, PointBlock, Points},
+    reach::{Reach, cells},
     triangles::Triangles,
     view::{View, longest_axis},
 };
@@ -21,6 +24,11 @@ use crate::{Directions, OcclusionParams, Result};
 
 /// Blocks of points that are asked together.
 const CHUNK: usize = 64;
+/// Points whose box maps are fitted around together.
+const BOX: usize = 64;
+/// The side of the cells in which points are looked for together, of `d_max`; and at least, of the scene's diagonal.
+const CELL: f32 = 0.25;
+const LEAST_CELL: f32 = 0.01;
 /// Maps that are there at the same time, at least and at most; between them as many as there are threads.
 pub(super) const MAPS: [usize; 2] = [4, 16];
 
@@ -52,6 +60,8 @@ pub struct Occlusion<'a> {
     triangles: &'a Triangles<'a>,
     params: OcclusionParams,
     directions: Vec<Vec3>,
+    count: usize,
+    /// Empty before the first points are found.
     totals: Vec<Total>,
     /// The weight of a pixel that has a point in every part.
     weight: f32,
@@ -79,10 +89,13 @@ struct Sums {
     bent: Vectors,
 }
 
-/// The maps that are there at the same time.
-enum Batch {
-    Layers(Vec<Map>),
-    Extents(Vec<Extents>),
+/// What is asked along the same directions.
+struct Part<'a> {
+    triangles: &'a Triangles<'a>,
+    params: &'a OcclusionParams,
+    views: &'a [View],
+    blocks: &'a [PointBlock],
+    sums: &'a mut [Sums],
 }
 
 impl<'a> Occlusion<'a> {
@@ -102,7 +115,8 @@ impl<'a> Occlusion<'a> {
             triangles,
             params: *params,
             directions: (0..params.frames).flat_map(turned).collect(),
-            totals: vec![Total::default(); count],
+            count,
+            totals: Vec::new(),
             weight: 0.0,
             lookups: 0,
             most_bytes: 0,
@@ -124,9 +138,14 @@ impl<'a> Occlusion<'a> {
         if points.is_empty() {
             return;
         }
-        let blocks = PointBlock::pack(&points.points, self.triangles.origin);
+        // Those near to each other ask the same part of a map.
+        let order = points.along_curve();
+        let origin = self.triangles.origin;
+        let blocks = PointBlock::pack_in(&order, &points.points, origin);
         let mut sums = vec![Sums::default(); blocks.len()];
-        let boxes: Vec<Aabb> = blocks.chunks(LANES).map(PointBlock::bounds).collect();
+        let around =
+            |points: &[Point]| Aabb::around(points.iter().map(|point| point.position - origin));
+        let boxes: Vec<Aabb> = points.points.par_chunks(BOX).map(around).collect();
         let bounds = boxes
             .iter()
             .fold(Aabb::EMPTY, |bounds, other| bounds.union(other));
@@ -146,23 +165,28 @@ impl<'a> Occlusion<'a> {
             + size_of_val(&sums[..])
             + size_of_val(&self.totals[..])
             + size_of_val(&boxes[..])
+            + size_of_val(&order[..])
             + near.as_ref().map_or(0, Triangles::bytes);
-        let at_once = rayon::current_num_threads().clamp(MAPS[0], MAPS[1]);
-        let mut done = all * u64::from(part) / u64::from(parts);
-        for views in views.chunks(at_once) {
-            let maps = Batch::build(triangles, views, &self.params);
-            self.most_bytes = self.most_bytes.max(fixed + maps.bytes());
-            blocks
-                .par_chunks(CHUNK)
-                .zip(sums.par_chunks_mut(CHUNK))
-                .for_each(|(blocks, sums)| maps.look_up(blocks, sums, &self.params));
-            done += views.len() as u64;
-            progress.advance(done.min(all), all);
-        }
+        let before = all * u64::from(part) / u64::from(parts);
+        let advance = |done: usize| progress.advance((before + done as u64).min(all), all);
+        let asked = Part {
+            triangles,
+            params: &self.params,
+            views: &views,
+            blocks: &blocks,
+            sums: &mut sums,
+        };
+        let of_maps = match d_max.is_finite() {
+            true => asked.stream::<Quads>(&advance),
+            false => asked.stream::<Extents>(&advance),
+        };
+        self.most_bytes = self.most_bytes.max(fixed + of_maps);
         self.lookups += (points.len() * views.len()) as u64;
-        for (number, &index) in points.indices.iter().enumerate() {
-            let (sums, lane) = (&sums[number / LANES], number % LANES);
-            let total = &mut self.totals[index as usize];
+        drop(blocks);
+        self.totals.resize(self.count, Total::default());
+        for (place, &number) in order.iter().enumerate() {
+            let (sums, lane) = (&sums[place / LANES], place % LANES);
+            let total = &mut self.totals[points.indices[number as usize] as usize];
             total.weight += sums.weight[lane];
             total.ao += sums.ao[lane];
             total.obscurance += sums.obscurance[lane];
@@ -200,39 +224,43 @@ impl<'a> Occlusion<'a> {
                 bent_normal: total.bent.normalize_or_zero(),
             }
         };
-        self.totals.iter().map(sky).collect()
+        let none = Total::default();
+        let totals = (0..self.count).map(|index| self.totals.get(index).unwrap_or(&none));
+        totals.map(sky).collect()
     }
 }
 
-impl Batch {
-    fn build(triangles: &Triangles<'_>, views: &[View], params: &OcclusionParams) -> Self {
-        let views = views.par_iter();
-        if params.d_max.is_finite() {
-            let build = |scratch: &mut Scratch, view: &View| Map::build(triangles, *view, scratch);
-            Self::Layers(views.map_init(Scratch::default, build).collect())
-        } else {
-            Self::Extents(views.map(|view| Extents::build(triangles, *view)).collect())
+impl Part<'_> {
+    /// Draws maps, asks them and draws others in the same memory; returns how many bytes those took at most.
+    fn stream<M: Redrawn + Layers>(self, advance: &dyn Fn(usize)) -> usize {
+        let at_once = rayon::current_num_threads().clamp(MAPS[0], MAPS[1]);
+        let mut maps: Vec<M> = Vec::new();
+        maps.resize_with(at_once.min(self.views.len()), M::default);
+        let scratches: Mutex<Vec<Scratch>> = Mutex::default();
+        let free = || scratches.lock().unwrap_or_else(PoisonError::into_inner);
+        let d_max = self.params.d_max;
+        let size = self.triangles.bounds.diagonal();
+        let near =
+            (d_max < size).then(|| cells(self.blocks, (CELL * d_max).max(LEAST_CELL * size)));
+        let mut done = 0;
+        for views in self.views.chunks(at_once) {
+            let draw = |(map, view): (&mut M, &View)| {
+                let mut scratch = free().pop().unwrap_or_default();
+                let reach = near.as_ref().map(|boxes| Reach::new(view, boxes, d_max));
+                map.redraw(self.triangles, *view, reach.as_ref(), &mut scratch);
+                free().push(scratch);
+            };
+            maps.par_iter_mut().zip(views).for_each(draw);
+            let maps = &maps[..views.len()];
+            self.blocks
+                .par_chunks(CHUNK)
+                .zip(self.sums.par_chunks_mut(CHUNK))
+                .for_each(|(blocks, sums)| look_up(maps, blocks, sums, self.params));
+            done += views.len();
+            advance(done);
         }
-    }
-
-    fn bytes(&self) -> usize {
-        match self {
-            // While a thread builds one, its fragments take twice as much again.
-            Self::Layers(maps) => {
-                let built = maps.iter().map(Map::bytes);
-                let largest = built.clone().max().unwrap_or(0);
-                built.sum::<usize>() + 2 * largest * rayon::current_num_threads().min(maps.len())
-            }
-            Self::Extents(maps) => maps.iter().map(Extents::bytes).sum(),
-        }
-    }
-
-    /// Asks the maps one after another.
-    fn look_up(&self, blocks: &[PointBlock], sums: &mut [Sums], params: &OcclusionParams) {
-        match self {
-            Self::Layers(maps) => look_up(maps, blocks, sums, params),
-            Self::Extents(maps) => look_up(maps, blocks, sums, params),
-        }
+        let scratches: usize = free().iter().map(Scratch::bytes).sum();
+        scratches + maps.iter().map(M::bytes).sum::<usize>()
     }
 }
 
@@ -299,7 +327,7 @@ mod tests {
     };
 
     use super::*;
-    use crate::cpu::lanes::Portable;
+    use crate::cpu::{lanes::Portable, maps::Map};
 
     /// Registers or not, to the bit.
     #[test]
@@ -314,13 +342,22 @@ mod tests {
         let bounds = [PointBlock::bounds(&blocks)];
         for &direction in Directions::new(6).vectors() {
             let view = View::fit(direction, &bounds, Vec3::X, 60);
-            let layers = Map::build(&triangles, view, &mut Scratch::default());
-            let extents = Extents::build(&triangles, view);
-            assert_eq!(sums(&layers, &blocks, false), sums(&layers, &blocks, true));
-            assert_eq!(
-                sums(&extents, &blocks, false),
-                sums(&extents, &blocks, true)
-            );
+            let scratch = &mut Scratch::default();
+            let layers = Map::build(&triangles, view, scratch);
+            let (mut quads, mut extents) = (Quads::default(), Extents::default());
+            quads.redraw(&triangles, view, None, scratch);
+            extents.redraw(&triangles, view, None, scratch);
+            let expected = sums(&layers, &blocks, false);
+            assert_eq!(expected, sums(&layers, &blocks, true));
+            // Layers in groups are the same layers.
+            assert_eq!(expected, sums(&quads, &blocks, false));
+            assert_eq!(expected, sums(&quads, &blocks, true));
+            // What is out of reach is in nobody's way.
+            let reach = Reach::new(&view, &bounds, 1.5);
+            quads.redraw(&triangles, view, Some(&reach), scratch);
+            assert_eq!(expected, sums(&quads, &blocks, false));
+            let ends = sums(&extents, &blocks, false);
+            assert_eq!(ends, sums(&extents, &blocks, true));
         }
     }
 

@@ -51,6 +51,19 @@ impl Point {
     }
 }
 
+/// Ten bits, two places apart.
+fn spread(bits: u32) -> u32 {
+    let bits = (bits | bits << 16) & 0x0300_00ff;
+    let bits = (bits | bits << 8) & 0x0300_f00f;
+    let bits = (bits | bits << 4) & 0x030c_30c3;
+    (bits | bits << 2) & 0x0924_9249
+}
+
+/// Where in its pixel a point is: the first in the middle.
+pub(super) fn place_of(sample: u32) -> Vec2 {
+    Vec2::from_array([2, 3].map(|base| (radical_inverse(base, sample) + 0.5).fract()))
+}
+
 impl Points {
     /// Any receivers, on the side of their shading normals, with their own indices.
     pub fn of_receivers(receivers: &Receivers, normals: Normals) -> Self {
@@ -108,10 +121,10 @@ impl Points {
         point: impl Fn(&Scene, &Hit, Vec3) -> (Point, R) + Sync,
     ) -> (Self, Vec<R>) {
         let [width, height] = size;
-        let place = [2, 3].map(|base| (radical_inverse(base, sample) + 0.5).fract());
+        let place = place_of(sample);
         let see = |pixel: u32| {
             let corner = UVec2::new(pixel % width, pixel / width).as_vec2();
-            let ray = camera.ray(corner + Vec2::from_array(place), width, height);
+            let ray = camera.ray(corner + place, width, height);
             let hit = tracer.closest_hit(&ray)?;
             Some((point(scene, &hit, -ray.direction), pixel))
         };
@@ -122,6 +135,22 @@ impl Points {
         let (seen, indices): (Vec<_>, _) = found.into_iter().unzip();
         let (points, more) = seen.into_iter().unzip();
         (Self { points, indices }, more)
+    }
+
+    /// The numbers of the points in an order in which those near to each other follow each other: that of Morton's curve.
+    pub(crate) fn along_curve(&self) -> Vec<u32> {
+        let bounds = Aabb::around(self.points.iter().map(|point| point.position));
+        let side = (bounds.max - bounds.min)
+            .max_element()
+            .max(f32::MIN_POSITIVE);
+        let code = |(number, point): (usize, &Point)| {
+            let cell = ((point.position - bounds.min) * (1023.0 / side)).as_uvec3();
+            let code = spread(cell.x) | spread(cell.y) << 1 | spread(cell.z) << 2;
+            u64::from(code) << 32 | number as u64
+        };
+        let mut codes: Vec<u64> = self.points.par_iter().enumerate().map(code).collect();
+        codes.par_sort_unstable();
+        codes.into_iter().map(|code| code as u32).collect()
     }
 
     /// How many there are.
@@ -147,6 +176,15 @@ impl PointBlock {
             .chunks(LANES)
             .map(|points| Self::of(points, origin))
             .collect()
+    }
+
+    /// The same in another order.
+    pub(crate) fn pack_in(order: &[u32], points: &[Point], origin: Vec3) -> Vec<Self> {
+        let pack = |some: &[u32]| {
+            let point = |lane: usize| points[some[lane.min(some.len() - 1)] as usize];
+            Self::of(&std::array::from_fn::<_, LANES, _>(point), origin)
+        };
+        order.par_chunks(LANES).map(pack).collect()
     }
 
     fn of(points: &[Point], origin: Vec3) -> Self {

@@ -7,7 +7,7 @@
 use glam::{Vec2, Vec3};
 
 use super::{
-    lanes::{LANES, Vectors, dot},
+    lanes::{LANES, Lanes, Simd, Work},
     triangles::{Block, Masked, Triangles},
     view::View,
 };
@@ -16,8 +16,8 @@ use super::{
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Span {
     /// The number of its first pixel.
-    pub(crate) first: usize,
-    pub(crate) count: usize,
+    pub(crate) first: u32,
+    pub(crate) count: u32,
     /// At the first pixel's centre, metres.
     pub(crate) depth: f32,
     /// To the next pixel.
@@ -36,71 +36,95 @@ impl Span {
 
 /// What takes the surfaces that are drawn.
 pub(crate) trait Target {
+    /// Whether a triangle is wanted, of corners in pixels and metres of depth.
+    #[inline(always)]
+    fn wants(&self, _: &[Vec3; 3]) -> bool {
+        true
+    }
+
     fn cover(&mut self, span: &Span);
 }
 
 /// Draws all triangles.
-#[inline(always)]
-pub(crate) fn draw(triangles: &Triangles<'_>, view: &View, target: &mut impl Target) {
-    for block in &triangles.blocks {
-        let placed = place(view, block);
-        let mut touched = touched(view, &placed);
-        while touched != 0 {
-            let lane = touched.trailing_zeros() as usize;
-            touched &= touched - 1;
-            let corners = placed.map(|[x, y, z]| Vec3::new(x[lane], y[lane], z[lane]));
-            scan(view, corners, target);
-        }
-    }
-    for triangle in &triangles.masked {
-        let corners = triangle.corners.map(|corner| {
-            let (at, depth) = view.place(corner);
-            at.extend(depth)
-        });
-        let mut holes = Holes {
+pub(crate) struct Draw<'a, 'b, T> {
+    pub(crate) triangles: &'a Triangles<'b>,
+    pub(crate) view: &'a View,
+    pub(crate) target: &'a mut T,
+}
+
+impl<T: Target> Work for Draw<'_, '_, T> {
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) {
+        let Self {
             triangles,
-            triangle,
             view,
-            corners,
             target,
-        };
-        scan(view, corners, &mut holes);
-    }
-}
-
-/// Corners in pixels and metres of depth.
-#[inline(always)]
-fn place(view: &View, block: &Block) -> [Vectors; 3] {
-    let scale = 1.0 / view.pixel;
-    block.corners.map(|corner| {
-        let (x, y) = (dot(&corner, view.right), dot(&corner, view.up));
-        [
-            x.map(|x| (x - view.low.x) * scale),
-            y.map(|y| (y - view.low.y) * scale),
-            dot(&corner, view.forward),
-        ]
-    })
-}
-
-/// A bit for each triangle whose box holds a pixel's centre.
-#[inline(always)]
-fn touched(view: &View, placed: &[Vectors; 3]) -> u32 {
-    let [a, b, c] = placed;
-    let limits = [view.columns as f32, view.rows as f32];
-    let mut bits = 0;
-    let mut inside = [true; LANES];
-    for axis in 0..2 {
-        for lane in 0..LANES {
-            let (p, q, r) = (a[axis][lane], b[axis][lane], c[axis][lane]);
-            let first = (p.min(q).min(r) - 0.5).ceil().max(0.0);
-            let end = (p.max(q).max(r) - 0.5).ceil().min(limits[axis]);
-            inside[lane] &= first < end;
+        } = self;
+        for block in &triangles.blocks {
+            let (mut touched, placed) = place(simd, view, block);
+            while touched != 0 {
+                let lane = touched.trailing_zeros() as usize;
+                touched &= touched - 1;
+                let corners = [0, 1, 2].map(|corner| {
+                    let [x, y] = &placed[corner];
+                    let depth = block.corner(corner, lane).dot(view.forward);
+                    Vec3::new(x[lane], y[lane], depth)
+                });
+                if target.wants(&corners) {
+                    scan(view, corners, target);
+                }
+            }
+        }
+        for triangle in &triangles.masked {
+            let corners = triangle.corners.map(|corner| {
+                let (at, depth) = view.place(corner);
+                at.extend(depth)
+            });
+            let mut holes = Holes {
+                triangles,
+                triangle,
+                view,
+                corners,
+                target,
+            };
+            scan(view, corners, &mut holes);
         }
     }
-    for (lane, inside) in inside.into_iter().enumerate() {
-        bits |= u32::from(inside) << lane;
+}
+
+/// A bit for each triangle whose box holds a pixel's centre, and where the corners are, pixels.
+#[inline(always)]
+fn place<S: Simd>(simd: S, view: &View, block: &Block) -> (u32, [[Lanes; 2]; 3]) {
+    let (zero, half) = (simd.splat(0.0), simd.splat(0.5));
+    let scale = simd.splat(1.0 / view.pixel);
+    let mut placed = [[[0.0; LANES]; 2]; 3];
+    let mut bits = !0;
+    for (axis, (along, low, limit)) in [
+        (view.right, view.low.x, view.columns),
+        (view.up, view.low.y, view.rows),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let low = simd.splat(low);
+        let at = |corner: usize| {
+            let at = simd.dot(&block.corners[corner], along);
+            simd.mul(simd.sub(at, low), scale)
+        };
+        let (a, b, c) = (at(0), at(1), at(2));
+        placed[0][axis] = simd.store(a);
+        placed[1][axis] = simd.store(b);
+        placed[2][axis] = simd.store(c);
+        let least = simd.min(simd.min(a, b), c);
+        let most = simd.max(simd.max(a, b), c);
+        // What is rounded up is what is left of rounding its opposite down.
+        let first = simd.sub(zero, simd.floor(simd.sub(half, least)));
+        let end = simd.sub(zero, simd.floor(simd.sub(half, most)));
+        let first = simd.max(first, zero);
+        let end = simd.min(end, simd.splat(limit as f32));
+        bits &= simd.bits(simd.less(first, end));
     }
-    bits
+    (bits, placed)
 }
 
 /// The number of the first pixel whose centre is not before a coordinate, of so many.
@@ -110,20 +134,29 @@ fn first_center(at: f32, count: usize) -> usize {
     ((at - 0.5).ceil() as usize).min(count)
 }
 
+/// The corners by their height, and those of one height from the left; by a table, since no processor foresees their order.
+#[inline(always)]
+fn from_below(corners: [Vec3; 3]) -> [Vec3; 3] {
+    const ORDERS: [[usize; 3]; 8] = [
+        [0, 1, 2],
+        [1, 0, 2],
+        [0, 2, 1],
+        [0, 1, 2],
+        [0, 1, 2],
+        [1, 2, 0],
+        [2, 0, 1],
+        [2, 1, 0],
+    ];
+    let [a, b, c] = corners;
+    let is_after = |p: Vec3, q: Vec3| usize::from((p.y > q.y) | ((p.y == q.y) & (p.x > q.x)));
+    let order = is_after(a, b) | is_after(b, c) << 1 | is_after(a, c) << 2;
+    ORDERS[order].map(|corner| corners[corner])
+}
+
 /// The rows of a triangle.
 #[inline(always)]
 fn scan(view: &View, corners: [Vec3; 3], target: &mut impl Target) {
-    let [mut a, mut b, mut c] = corners;
-    let is_after = |p: Vec3, q: Vec3| p.y > q.y || (p.y == q.y && p.x > q.x);
-    if is_after(a, b) {
-        (a, b) = (b, a);
-    }
-    if is_after(b, c) {
-        (b, c) = (c, b);
-    }
-    if is_after(a, b) {
-        (a, b) = (b, a);
-    }
+    let [a, b, c] = from_below(corners);
     let (u, v) = (b - a, c - a);
     let doubled = u.x * v.y - u.y * v.x;
     if doubled == 0.0 || !doubled.is_finite() {
@@ -148,8 +181,8 @@ fn scan(view: &View, corners: [Vec3; 3], target: &mut impl Target) {
             continue;
         }
         target.cover(&Span {
-            first: row * view.columns + first,
-            count: end - first,
+            first: (row * view.columns + first) as u32,
+            count: (end - first) as u32,
             depth,
             step: slope.x,
             range,
@@ -172,16 +205,14 @@ impl<T: Target> Target for Holes<'_, '_, T> {
         let doubled = (b - a).perp_dot(c - a);
         for pixel in 0..span.count {
             let index = span.first + pixel;
-            let at = Vec2::new(
-                (index % self.view.columns) as f32,
-                (index / self.view.columns) as f32,
-            ) + 0.5;
+            let columns = self.view.columns as u32;
+            let at = Vec2::new((index % columns) as f32, (index / columns) as f32) + 0.5;
             let uv = Vec2::new((at - a).perp_dot(c - a), (b - a).perp_dot(at - a)) / doubled;
             if self.triangles.stops(self.triangle, uv) {
                 self.target.cover(&Span {
                     first: index,
                     count: 1,
-                    depth: span.at(pixel),
+                    depth: span.at(pixel as usize),
                     ..*span
                 });
             }

@@ -130,12 +130,17 @@ impl Block {
         Self { corners }
     }
 
+    /// A corner of a triangle; NaN where there is no triangle.
+    #[inline(always)]
+    pub(crate) fn corner(&self, corner: usize, lane: usize) -> Vec3 {
+        let [x, y, z] = &self.corners[corner];
+        Vec3::new(x[lane], y[lane], z[lane])
+    }
+
     /// The corners of a triangle; none where there is no triangle.
     fn corners_of(&self, lane: usize) -> impl Iterator<Item = Vec3> + '_ {
-        let corner = move |corner: &Vectors| Vec3::from_array(corner.map(|axis| axis[lane]));
-        self.corners
-            .iter()
-            .map(corner)
+        (0..3)
+            .map(move |corner| self.corner(corner, lane))
             .filter(|corner| !corner.is_nan())
     }
 }

@@ -10,7 +10,7 @@ use isophote_scene::{Aabb, sample::Frame};
 const ROOM: f32 = 1e-3;
 
 /// The projection of a map.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct View {
     /// Unit axes of the picture.
     pub(crate) right: Vec3,

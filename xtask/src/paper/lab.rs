@@ -1,6 +1,10 @@
 //! Where a page's measurements are made: the application, a crate's bench, the scenes, a folder for the results.
 
-use std::{fs, path::PathBuf, time::Instant};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use anyhow::{Context, Result};
 use serde_json::Value;
@@ -192,7 +196,13 @@ impl Lab {
         Ok(path)
     }
 
-    fn read(&self, name: &str) -> Result<Vec<u8>> {
+    /// Where the files of the page are.
+    pub(super) fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// A PNG among them by its name.
+    pub(super) fn read(&self, name: &str) -> Result<Vec<u8>> {
         let path = self.file(name, "png");
         fs::read(&path).with_context(|| format!("cannot read {path}"))
     }

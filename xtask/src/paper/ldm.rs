@@ -4,6 +4,7 @@
 
 mod ao;
 mod indirect;
+mod seen;
 mod speed;
 
 use anyhow::Result;
@@ -25,11 +26,13 @@ pub(super) const REPORT: Report = Report {
     sections: &SECTIONS,
 };
 
-const SECTIONS: [(&str, Measure); 4] = [
+const SECTIONS: [(&str, Measure); 6] = [
     ("ao", ao::measure),
     ("speed", speed::measure),
     ("memory", speed::measure_memory),
     ("indirect", indirect::measure),
+    ("flicker", seen::measure_flicker),
+    ("figures", seen::measure_figures),
 ];
 
 fn sponza(lab: &Lab) -> Scene {

@@ -60,6 +60,29 @@ fn gather_floats(table: &[f32], places: __m256i, mask: __m256, otherwise: __m256
     }
 }
 
+#[inline]
+#[target_feature(enable = "avx2,bmi1")]
+fn quads(table: &[f32], places: __m256i) -> [__m256; 4] {
+    let Some(places) = within(table.len().saturating_sub(3), places) else {
+        return [_mm256_setzero_ps(); 4];
+    };
+    let mut firsts = [0_u32; LANES];
+    // SAFETY: the array has as many bytes.
+    unsafe { _mm256_storeu_si256(firsts.as_mut_ptr().cast(), places) };
+    // SAFETY: from each place on there are four in the table.
+    let four = |lane: usize| unsafe { _mm_loadu_ps(table.as_ptr().add(firsts[lane] as usize)) };
+    let both = |lane: usize| _mm256_set_m128(four(lane + 4), four(lane));
+    let [a, b, c, d] = [both(0), both(1), both(2), both(3)];
+    let (low, high) = (_mm256_unpacklo_ps(a, b), _mm256_unpackhi_ps(a, b));
+    let (then_low, then_high) = (_mm256_unpacklo_ps(c, d), _mm256_unpackhi_ps(c, d));
+    [
+        _mm256_shuffle_ps::<0x44>(low, then_low),
+        _mm256_shuffle_ps::<0xee>(low, then_low),
+        _mm256_shuffle_ps::<0x44>(high, then_high),
+        _mm256_shuffle_ps::<0xee>(high, then_high),
+    ]
+}
+
 /// One of the instructions, or a few of them.
 macro_rules! operations {
     ($($name:ident($($value:ident: $type:ty),*) -> $result:ty $body:block)*) => {
@@ -109,6 +132,9 @@ impl Simd for Avx2 {
         bits(mask: __m256) -> u32 { _mm256_movemask_ps(mask).cast_unsigned() }
         whole(value: __m256) -> __m256i { _mm256_cvttps_epi32(value) }
         add_ints(a: __m256i, b: __m256i) -> __m256i { _mm256_add_epi32(a, b) }
+        where_set(mask: __m256, values: __m256i) -> __m256i {
+            _mm256_and_si256(_mm256_castps_si256(mask), values)
+        }
         less_ints(a: __m256i, b: __m256i) -> __m256 {
             _mm256_castsi256_ps(_mm256_cmpgt_epi32(b, a))
         }
@@ -116,5 +142,6 @@ impl Simd for Avx2 {
         gather_floats(table: &[f32], places: __m256i, mask: __m256, otherwise: __m256) -> __m256 {
             gather_floats(table, places, mask, otherwise)
         }
+        quads(table: &[f32], places: __m256i) -> [__m256; 4] { quads(table, places) }
     }
 }

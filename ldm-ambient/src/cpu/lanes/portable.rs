@@ -150,6 +150,17 @@ impl Simd for Portable {
     }
 
     #[inline(always)]
+    fn where_set(self, mask: [bool; LANES], values: [u32; LANES]) -> [u32; LANES] {
+        let mut result = [0; LANES];
+        for lane in 0..LANES {
+            if mask[lane] {
+                result[lane] = values[lane];
+            }
+        }
+        result
+    }
+
+    #[inline(always)]
     fn less_ints(self, a: [u32; LANES], b: [u32; LANES]) -> [bool; LANES] {
         each(a, b, |a, b| a < b)
     }
@@ -177,5 +188,19 @@ impl Simd for Portable {
             }
         }
         result
+    }
+
+    #[inline(always)]
+    fn quads(self, table: &[f32], places: [u32; LANES]) -> [Lanes; 4] {
+        let mut quads = [[0.0; LANES]; 4];
+        if let Some(last) = table.len().checked_sub(4) {
+            for (lane, place) in places.into_iter().enumerate() {
+                let first = last.min(place as usize);
+                for (number, quad) in quads.iter_mut().enumerate() {
+                    quad[lane] = table[first + number];
+                }
+            }
+        }
+        quads
     }
 }

@@ -75,11 +75,6 @@ impl Screen {
         Some(at + 0.5 * Vec2::new(self.size[0] as f32, self.size[1] as f32))
     }
 
-    /// Where the viewer is.
-    pub(crate) fn eye(&self) -> Vec3 {
-        self.eye.eye
-    }
-
     /// How many pixels a metre has at a point.
     #[inline]
     pub(crate) fn pixels_per_metre(&self, point: Vec3) -> f32 {
