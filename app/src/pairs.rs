@@ -57,16 +57,6 @@ pub(crate) fn check(
     quantities: &[Quantity],
 ) -> Result<()> {
     choice.check(technique, quantities)?;
-    let on_cpu = |quantity: &&Quantity| !technique.runs_on_gpu(**quantity);
-    if matches!(tracer, Choice::Gpu(_))
-        && let Some(quantity) = quantities.iter().find(on_cpu)
-    {
-        bail!(
-            "{quantity} by the technique {} runs on the CPU so far: leave out --device gpu and --adapter, and choose a \
-             tracer there",
-            choice.name()
-        );
-    }
     if technique.has_own_tracer() && tracer != tracer.exact() {
         bail!(
             "the technique {} answers its rays itself, and asks a tracer only what the camera sees: leave out --tracer",

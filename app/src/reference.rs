@@ -59,6 +59,13 @@ pub(crate) struct Order<'a> {
     pub(crate) maps: MapParams,
 }
 
+impl Order<'_> {
+    /// Whether a quantity of some kind was asked for.
+    pub(crate) fn wants(&self, kind: impl Fn(Quantity) -> bool) -> bool {
+        self.quantities.iter().any(|&quantity| kind(quantity))
+    }
+}
+
 /// A picture, what else is to be seen of how it was made, and how long each pass took by the GPU's clock.
 #[derive(Clone)]
 pub(crate) struct Made {

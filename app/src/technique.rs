@@ -5,11 +5,14 @@ mod ldi;
 mod ldm;
 mod reference;
 
+use std::collections::BTreeMap;
+
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
+use glam::Vec3;
 use isophote_scene::{
-    Answers, Scene,
-    reference::{Progress, Quantity},
+    Answers, Pass, Scene,
+    reference::{Estimate, Layers, Progress, Quantity, Render},
 };
 
 use crate::{
@@ -28,7 +31,7 @@ pub(crate) enum TechniqueChoice {
     Ldi,
     /// Instant global illumination: the light that bounced as that of virtual point lights, one shadow ray each
     Igi,
-    /// Layered depth maps along fixed directions: ambient occlusion and obscurance
+    /// Layered depth maps along fixed directions: ambient occlusion, obscurance and light that bounced once
     Ldm,
 }
 
@@ -56,12 +59,6 @@ pub(crate) trait Technique {
     /// Its tracer unless another is given.
     fn tracer(&self) -> Option<AnyTracer> {
         None
-    }
-
-    /// Whether it computes a quantity on GPUs.
-    fn runs_on_gpu(&self, quantity: Quantity) -> bool {
-        let _ = quantity;
-        true
     }
 
     /// Whether a tracer is only asked what the camera sees.
@@ -99,6 +96,32 @@ pub(crate) trait Technique {
         order: Order<'_>,
         progress: &dyn Progress,
     ) -> Result<Made>;
+}
+
+/// What a technique made of which there are no two halves, so that it does not know its noise.
+fn made(
+    order: &Order<'_>,
+    layers: Layers,
+    rays: u64,
+    passes: &[Pass],
+    mut values: impl FnMut(Quantity) -> Vec<Vec3>,
+) -> Made {
+    let estimate = |&quantity: &Quantity| Estimate {
+        quantity,
+        values: values(quantity),
+        noise: f32::NAN,
+    };
+    Made {
+        render: Render {
+            size: order.size,
+            estimates: order.quantities.iter().map(estimate).collect(),
+            layers,
+            rays,
+        },
+        stages: Vec::new(),
+        passes: passes.to_vec(),
+        gpu_seconds: BTreeMap::new(),
+    }
 }
 
 impl TechniqueArgs {

@@ -1,4 +1,4 @@
-//! Occlusion on a GPU, stage by stage as [`crate::cpu`]:
+//! Occlusion and the light of photons on a GPU, stage by stage as [`crate::cpu`]:
 //!
 //! | stage | CPU | GPU |
 //! |---|---|---|
@@ -7,15 +7,17 @@
 //! | 3. which pixels, how deep | `cpu/raster.rs` | `shaders/draw.wesl`, by the device's rasteriser |
 //! | 4. maps | `cpu/maps.rs` | `gpu/maps.rs`, `shaders/{scan,sort}.wesl` |
 //! | points | `cpu/points.rs` | `gpu/points.rs`, `shaders/points/*.wesl` |
-//! | 5., 6. tracing, occlusion | `cpu/{aim,occlusion}.rs` | `shaders/{look_up,layers,resolve}.wesl` |
+//! | 5., 6. tracing, occlusion | `cpu/{aim,occlusion}.rs` | `shaders/{aim,look_up,layers,resolve}.wesl` |
+//! | 7. to 9. photons | `cpu/photons.rs` | `gpu/photons.rs`, `shaders/photons/*.wesl` |
 //!
 //! Maps are built anew for each picture, from where the scene's data on the device say that instances are: several at a
 //! time, asked for all points, and overwritten by the next ones, so that memory does not grow with their number. Nothing is
 //! read back in between, and all of it can be recorded into a renderer's own commands.
 //!
-//! A shader here binds at most 4 storage buffers beside the scene's 3.
+//! A shader here binds at most 8 storage buffers, those of the scene and the tracer among them.
 
 mod maps;
+pub mod photons;
 mod points;
 mod triangles;
 
@@ -53,11 +55,20 @@ use crate::{
 pub const SHADERS: ShaderPackage = shader_package!(
     "ldm_ambient",
     [
+        "aim",
         "batch",
         "draw",
         "layers",
         "look_up",
         "order",
+        "photons/bin",
+        "photons/emission",
+        "photons/footprint",
+        "photons/resolve",
+        "photons/splat",
+        "photons/splats",
+        "photons/split",
+        "photons/weigh",
         "place",
         "points/camera",
         "points/gbuffer",
@@ -124,30 +135,10 @@ impl Targets {
     ///
     /// # Errors
     /// [`Error::Scene`](crate::Error::Scene) when the device has no textures that large.
-    pub fn new(context: &Context, [width, height]: [u32; 2]) -> Result<Self> {
-        let texture = |label| {
-            context.check(label, |device| {
-                device.create_texture(&wgpu::TextureDescriptor {
-                    label: Some(label),
-                    size: wgpu::Extent3d {
-                        width,
-                        height,
-                        depth_or_array_layers: 1,
-                    },
-                    mip_level_count: 1,
-                    sample_count: 1,
-                    dimension: wgpu::TextureDimension::D2,
-                    format: TextureFormat::Rgba32Float,
-                    usage: TextureUsages::STORAGE_BINDING
-                        | TextureUsages::TEXTURE_BINDING
-                        | TextureUsages::COPY_SRC,
-                    view_formats: &[],
-                })
-            })
-        };
+    pub fn new(context: &Context, size: [u32; 2]) -> Result<Self> {
         Ok(Self {
-            occlusion: texture("occlusion")?,
-            bent_normals: texture("bent normals")?,
+            occlusion: target(context, "occlusion", size)?,
+            bent_normals: target(context, "bent normals", size)?,
         })
     }
 
@@ -307,19 +298,13 @@ impl Occlusion {
             false => (&boxes[..], bounds),
         };
         let longest = longest_axis(&bounds);
-        let side = context.device().limits().max_texture_dimension_2d as usize;
-        let view = |&direction: &Vec3| {
-            let mut resolution = self.params.maps.resolution;
-            loop {
-                let view = View::fit(direction, boxes, longest, resolution);
-                // What is nearly a line has coarser pixels, so that the device can draw it.
-                if view.columns.max(view.rows) <= side || resolution == 1 {
-                    return view;
-                }
-                resolution = resolution.div_ceil(2);
-            }
-        };
-        directions.iter().map(view).collect()
+        fit(
+            context,
+            directions,
+            boxes,
+            longest,
+            self.params.maps.resolution,
+        )
     }
 
     /// Records that what was added is written to textures.
@@ -433,6 +418,52 @@ impl Occlusion {
             return Ok((targets.read(context)?, passes));
         }
     }
+}
+
+/// The views along directions around boxes, no larger than the device can draw.
+fn fit(
+    context: &Context,
+    directions: &[Vec3],
+    boxes: &[Aabb],
+    longest: Vec3,
+    resolution: u32,
+) -> Vec<View> {
+    let side = context.device().limits().max_texture_dimension_2d as usize;
+    let view = |&direction: &Vec3| {
+        let mut resolution = resolution;
+        loop {
+            let view = View::fit(direction, boxes, longest, resolution);
+            // What is nearly a line has coarser pixels, so that the device can draw it.
+            if view.columns.max(view.rows) <= side || resolution == 1 {
+                return view;
+            }
+            resolution = resolution.div_ceil(2);
+        }
+    };
+    directions.iter().map(view).collect()
+}
+
+/// A texture that a shader fills with four numbers a pixel.
+fn target(context: &Context, label: &str, [width, height]: [u32; 2]) -> Result<wgpu::Texture> {
+    let texture = context.check(label, |device| {
+        device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: TextureFormat::Rgba32Float,
+            usage: TextureUsages::STORAGE_BINDING
+                | TextureUsages::TEXTURE_BINDING
+                | TextureUsages::COPY_SRC,
+            view_formats: &[],
+        })
+    })?;
+    Ok(texture)
 }
 
 /// Where a sample is in its pixel: the first in the middle, the next ones spread over it.

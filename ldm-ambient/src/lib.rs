@@ -11,8 +11,8 @@
 //! 7. [`cpu::photons`]: photon differentials leave the lights (§3.4, §4.2); points look along the maps for what lights them, or
 //!    photons are split along the maps and splatted ([`Deposit`]).
 //!
-//! [`cpu::hbao`] is the screen-space method that the paper compares with. The module `gpu` (feature `gpu`) is stages 1 to 6 as
-//! wgpu passes, with the device's rasteriser.
+//! [`cpu::hbao`] is the screen-space method that the paper compares with. The module `gpu` (feature `gpu`) is all stages as wgpu
+//! passes, with the device's rasteriser; of the photons, those that are splatted.
 //!
 //! # From the paper to the code
 //!
@@ -26,7 +26,7 @@
 //! | Eq. (4) to (7), footprints and splatting | `cpu/photons/footprint.rs`, `cpu/photons/splat.rs` |
 //! | §6, multiple bounces over subsets of the directions | [`PhotonParams::bounces`], [`Directions::subset`] |
 //! | §6, arbitrary light sources | `cpu/photons/emission.rs` |
-//! | §6, progressive rendering | [`OcclusionParams::frames`], [`Directions::turned`] |
+//! | §6, progressive rendering | [`OcclusionParams::frames`], [`PhotonParams::frames`], [`Directions::turned`] |
 //! | Fig. 3, point clouds | [`LdmTracer::point_cloud`] |
 //! | Fig. 8, HBAO | [`cpu::hbao`] |
 //!

@@ -9,12 +9,13 @@ use std::sync::Arc;
 
 use glam::Vec2;
 use isophote_ldm_ambient::{
-    MapParams, OcclusionParams,
+    Deposit, MapParams, OcclusionParams, PhotonParams,
     cpu::{
         self, Triangles,
         occlusion::{self, Sky},
+        photons::light,
     },
-    gpu::{BuildMethod, GBufferPoints, Look, Occlusion, Points, Targets},
+    gpu::{BuildMethod, GBufferPoints, Look, Occlusion, Points, Targets, photons::Photons},
 };
 use isophote_scene::{
     Alpha, BuildTracer, BvhOptions, BvhTracer, ColorSpace, Scene, Selection, Texture, TextureRef,
@@ -23,7 +24,7 @@ use isophote_scene::{
         BuildGpuTracer, ComputeBvhTracer, Context, GBuffer, GBufferPass, GpuScene, Rasters,
         reference::World,
     },
-    reference::Normals,
+    reference::{Materials, Normals},
 };
 
 const SIZE: [u32; 2] = [48, 36];
@@ -294,4 +295,70 @@ fn maps_follow_what_moves() {
     let expected = ground.on_cpu(&params, 1);
     assert!(off(&before, &after, |sky| sky.ao) > 2.0 * MOST);
     check("moved", &after, &expected, MOST);
+}
+
+/// Photons that leave points, spots, the sun and surfaces splat the light that they splat on the CPU, twice the same.
+#[test]
+fn photons_are_those_of_the_cpu() {
+    let Some(context) = Context::for_tests() else {
+        return;
+    };
+    for (name, scene) in scenes() {
+        let ground = Ground::new(&context, scene);
+        let (scene, exact) = (&ground.scene, &ground.exact);
+        let camera = &scene.cameras[0];
+        let params = PhotonParams {
+            maps: params(1.0).maps,
+            raster: 16,
+            deposit: Deposit::Splatted,
+            flatness: 3.0,
+            materials: Materials::Lambert,
+            ..PhotonParams::default()
+        };
+        let triangles = Triangles::new(scene, &scene.transforms(), &Selection::default()).unwrap();
+        let seen = isophote_scene::GBuffer::see(scene, exact, camera, SIZE, params.materials);
+        let expected = light(&triangles, exact, camera, &seen, &params, &|_, _| {}).unwrap();
+        let tracer = ComputeBvhTracer::build(&context, scene, &Selection::default(), &()).unwrap();
+        let world = World {
+            scene,
+            gpu_scene: &ground.gpu_scene,
+            exact: &tracer,
+            secondary: &tracer,
+        };
+        let on = (&**scene, &ground.gpu_scene);
+        let selection = Selection::default();
+        let mut photons = Photons::new(&context, on, &selection, &params, &tracer, SIZE).unwrap();
+        let [found, again] = [0; 2].map(|_| {
+            let made = photons.render(&context, world, camera, &|_, _| {});
+            made.unwrap().0
+        });
+        assert_eq!(found, again, "{name}: no flicker");
+        let off: f32 = found
+            .irradiance
+            .iter()
+            .zip(&expected.indirect)
+            .map(|(a, b)| (*a - *b).length_squared())
+            .sum();
+        let sum: f32 = expected
+            .indirect
+            .iter()
+            .map(|light| light.element_sum())
+            .sum();
+        let error = (off * 3.0 * COUNT as f32).sqrt() / sum;
+        println!("{name}: relRMSE {error:.1e} of light");
+        // A part that lands elsewhere since a corner was rounded is one of few.
+        let most = match name {
+            "office" => 1.5 * MOST_OF_OFFICE,
+            _ => MOST,
+        };
+        assert!(error < most, "{name}: {error}");
+        let sent = |(seen, light): (&Option<isophote_scene::Seen>, &glam::Vec3)| {
+            let albedo = seen.as_ref().map_or(glam::Vec3::ZERO, |seen| seen.albedo());
+            albedo / std::f32::consts::PI * *light
+        };
+        let expected = seen.pixels.iter().zip(&found.irradiance).map(sent);
+        for (found, expected) in found.radiance.iter().zip(expected) {
+            assert!((*found - expected).length() < 0.01 * (0.1 + expected.length()));
+        }
+    }
 }

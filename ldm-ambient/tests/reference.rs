@@ -219,6 +219,26 @@ fn baked_light_is_near_the_reference() {
     }
 }
 
+/// Frames with turned directions come nearer to the truth than one, however the light is deposited.
+#[test]
+fn frames_accumulate() {
+    let scene = Arc::new(builtin::build("cornell").unwrap());
+    let camera = &scene.cameras[0];
+    for deposit in [Deposit::Gathered, Deposit::Splatted] {
+        let light = |maps, frames| {
+            let params = PhotonParams {
+                deposit,
+                frames,
+                ..params(maps, 32)
+            };
+            lit(&scene, camera, [32, 24], &params).0.indirect
+        };
+        let truth = light(512, 1);
+        let [one, many] = [1, 16].map(|frames| errors(&light(16, frames), &truth).1);
+        assert!(many < 0.6 * one, "{deposit:?}: {one} {many}");
+    }
+}
+
 /// A second bounce adds what the reference integrator says that it adds.
 #[test]
 fn second_bounces_are_near_the_reference() {

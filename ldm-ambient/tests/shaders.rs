@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use glam::Vec2;
 use isophote_ldm_ambient::{
-    Error, MapParams, OcclusionParams,
-    gpu::{BuildMethod, GBufferPoints, Look, Occlusion, Points, Targets},
+    Deposit, Error, MapParams, OcclusionParams, PhotonParams,
+    gpu::{BuildMethod, GBufferPoints, Look, Occlusion, Points, Targets, photons::Photons},
 };
 use isophote_scene::{
     Alpha, Error as SceneError, Leaves, Selection, builtin,
@@ -103,6 +103,45 @@ fn stages_build() {
                 }
             }
         }
+    }
+}
+
+#[test]
+fn photons_build() {
+    let scene = Arc::new(builtin::build("builtin:cornell").unwrap());
+    let context = Context::noop();
+    let gpu_scene = GpuScene::new(&context, &scene).unwrap();
+    let selection = Selection::default();
+    let fine = PhotonParams {
+        maps: params(1.0).maps,
+        deposit: Deposit::Splatted,
+        ..PhotonParams::default()
+    };
+    let tracers: [Box<dyn GpuTracer>; 2] = [
+        Box::new(ComputeBvhTracer::build(&context, &scene, &selection, &()).unwrap()),
+        Box::new(RayQueryTracer::build(&context, &scene, &selection, &()).unwrap()),
+    ];
+    for tracer in &tracers {
+        let world = World {
+            scene: &scene,
+            gpu_scene: &gpu_scene,
+            exact: &**tracer,
+            secondary: &**tracer,
+        };
+        let make = |params: &PhotonParams| {
+            let on = (&*scene, &gpu_scene);
+            Photons::new(&context, on, &selection, params, &**tracer, SIZE)
+        };
+        let made = make(&fine)
+            .unwrap()
+            .render(&context, world, &scene.cameras[0], &|_, _| {});
+        // This device computes nothing, which is found out.
+        assert!(made.is_err());
+        let gathered = PhotonParams {
+            deposit: Deposit::Gathered,
+            ..fine
+        };
+        assert!(matches!(make(&gathered), Err(Error::Parameter { .. })));
     }
 }
 

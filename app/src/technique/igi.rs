@@ -10,7 +10,7 @@ use isophote_instant_gi::{
 };
 use isophote_scene::{
     Answers, Scene,
-    reference::{Estimate, Layers, Normals, Progress, Quantity, Render},
+    reference::{Layers, Normals, Progress, Quantity},
 };
 
 #[cfg(feature = "gpu")]
@@ -298,25 +298,15 @@ fn made(
     order: &Order<'_>,
     gpu_seconds: BTreeMap<String, f64>,
 ) -> Made {
-    let estimate = |&quantity| Estimate {
-        quantity,
-        values: values(&stages, quantity),
-        // There are no two halves.
-        noise: f32::NAN,
-    };
     Made {
-        render: Render {
-            size: order.size,
-            estimates: order.quantities.iter().map(estimate).collect(),
-            layers,
-            rays: stages.rays(),
-        },
         stages: stages
             .layers()
             .map(|(name, values)| (name, values.to_vec()))
             .into(),
-        passes: stages.passes,
         gpu_seconds,
+        ..super::made(order, layers, stages.rays(), &stages.passes, |quantity| {
+            values(&stages, quantity)
+        })
     }
 }
 

@@ -8,7 +8,7 @@ use glam::Vec3;
 use isophote_ldi::{Hybrid, HybridParams, Shadows, Stages};
 use isophote_scene::{
     Answers, Scene,
-    reference::{Estimate, Layers, Normals, Progress, Quantity, Render},
+    reference::{Layers, Normals, Progress, Quantity},
 };
 
 #[cfg(feature = "gpu")]
@@ -216,26 +216,15 @@ fn made(
     order: &Order<'_>,
     gpu_seconds: BTreeMap<String, f64>,
 ) -> Made {
-    let estimate = |&quantity| Estimate {
-        quantity,
-        values: values(&stages, quantity),
-        // There are no two halves.
-        noise: f32::NAN,
-    };
-    let render = Render {
-        size: order.size,
-        estimates: order.quantities.iter().map(estimate).collect(),
-        layers,
-        rays: stages.rays(),
-    };
     Made {
-        render,
         stages: stages
             .layers()
             .map(|(name, values)| (name, values.to_vec()))
             .into(),
-        passes: stages.passes,
         gpu_seconds,
+        ..super::made(order, layers, stages.rays(), &stages.passes, |quantity| {
+            values(&stages, quantity)
+        })
     }
 }
 

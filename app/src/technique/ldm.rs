@@ -20,7 +20,7 @@ use isophote_ldm_ambient::{
 };
 use isophote_scene::{
     GBuffer, Pass, Scene, Tracer,
-    reference::{Estimate, Layers, Progress, Quantity, Render, Tracers},
+    reference::{Layers, Progress, Quantity, Tracers},
 };
 
 use super::Technique;
@@ -48,9 +48,14 @@ pub(crate) struct LdmTechnique {
     /// By how much a photon's splat is wider than its footprint
     #[arg(long, value_name = "FACTOR", default_value_t = PhotonParams::default().splat_size, value_parser = crate::values::not_negative)]
     ldm_splat_size: f32,
-    /// Who finds whom: points the photons that light them, or photons the pixels that they light
-    #[arg(long, value_enum, value_name = "WAY", default_value = "gathered")]
-    ldm_deposit: DepositChoice,
+    #[arg(
+        long,
+        value_enum,
+        value_name = "WAY",
+        help = "Who finds whom: points the photons that light them, or photons the pixels that they light; gathered unless \
+                given, and splatted on GPUs"
+    )]
+    ldm_deposit: Option<DepositChoice>,
     /// Diffuse reflections between the lights and what is lit
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
     ldm_bounces: u32,
@@ -118,10 +123,6 @@ impl Technique for LdmTechnique {
         idle
     }
 
-    fn runs_on_gpu(&self, quantity: Quantity) -> bool {
-        quantity.is_occlusion()
-    }
-
     fn has_own_tracer(&self) -> bool {
         true
     }
@@ -144,40 +145,42 @@ impl Technique for LdmTechnique {
         let Tracers { exact, .. } = ground.on_cpu().context("it runs on the CPU")?;
         let triangles = Triangles::new(scene, &scene.transforms(), order.selection)?;
         let mut found = Found::default();
-        if order
-            .quantities
-            .iter()
-            .any(|quantity| quantity.is_occlusion())
-        {
+        if order.wants(Quantity::is_occlusion) {
             self.find_occlusion(&triangles, exact, &order, progress, &mut found)?;
         }
-        if order
-            .quantities
-            .iter()
-            .any(|quantity| !quantity.is_occlusion())
-        {
+        if order.wants(|quantity| !quantity.is_occlusion()) {
             self.find_light(&triangles, exact, &order, progress, &mut found)?;
         }
-        let estimate = |quantity: &Quantity| Estimate {
-            quantity: *quantity,
-            values: found.values.remove(quantity).unwrap_or_default(),
-            // There are no two halves.
-            noise: f32::NAN,
-        };
-        let estimates = order.quantities.iter().map(estimate).collect();
         let normals = order.settings.normals;
-        let render = Render {
-            size: order.size,
-            estimates,
-            layers: Layers::of(scene, exact, order.camera, order.size, normals),
-            rays: found.passes.iter().map(|pass| pass.rays).sum(),
-        };
-        Ok(Made {
-            render,
-            stages: found.stages,
-            passes: merged(&found.passes),
-            gpu_seconds: BTreeMap::new(),
-        })
+        let layers = Layers::of(scene, exact, order.camera, order.size, normals);
+        Ok(found.made(&order, layers))
+    }
+}
+
+impl Found {
+    fn made(mut self, order: &Order<'_>, layers: Layers) -> Made {
+        let passes = merged(&self.passes);
+        let rays = passes.iter().map(|pass| pass.rays).sum();
+        let values = |quantity: Quantity| self.values.remove(&quantity).unwrap_or_default();
+        Made {
+            stages: self.stages,
+            ..super::made(order, layers, rays, &passes, values)
+        }
+    }
+
+    fn skies(&mut self, skies: &[Sky]) {
+        let splat =
+            |value: fn(&Sky) -> f32| skies.iter().map(|sky| Vec3::splat(value(sky))).collect();
+        self.values.insert(Quantity::Ao, splat(|sky| sky.ao));
+        self.values
+            .insert(Quantity::Obscurance, splat(|sky| sky.obscurance));
+        let bent = skies.iter().map(|sky| sky.bent_normal).collect();
+        self.stages.push(("bent-normal", bent));
+    }
+
+    fn light(&mut self, [radiance, irradiance]: [Vec<Vec3>; 2]) {
+        self.values.insert(Quantity::Indirect, radiance);
+        self.values.insert(Quantity::IrradianceIndirect, irradiance);
     }
 }
 
@@ -194,14 +197,7 @@ impl LdmTechnique {
             OcclusionChoice::Maps => self.by_maps(triangles, exact, order, progress, found)?,
             OcclusionChoice::Hbao => self.by_hbao(triangles, exact, order, found)?,
         };
-        let splat =
-            |value: fn(&Sky) -> f32| skies.iter().map(|sky| Vec3::splat(value(sky))).collect();
-        found.values.insert(Quantity::Ao, splat(|sky| sky.ao));
-        found
-            .values
-            .insert(Quantity::Obscurance, splat(|sky| sky.obscurance));
-        let bent = skies.iter().map(|sky| sky.bent_normal).collect();
-        found.stages.push(("bent-normal", bent));
+        found.skies(&skies);
         Ok(())
     }
 
@@ -278,21 +274,26 @@ impl LdmTechnique {
         Ok(skies.iter().map(mean).collect())
     }
 
-    fn photons(&self, order: &Order<'_>) -> PhotonParams {
+    fn deposit(&self) -> DepositChoice {
+        self.ldm_deposit.unwrap_or(DepositChoice::Gathered)
+    }
+
+    fn photons(&self, order: &Order<'_>, deposit: DepositChoice) -> PhotonParams {
         let fine = PhotonParams::default();
         PhotonParams {
             maps: order.maps,
             raster: self.ldm_photons,
             splat_size: self.ldm_splat_size,
-            deposit: match self.ldm_deposit {
+            deposit: match deposit {
                 DepositChoice::Gathered => Deposit::Gathered,
                 DepositChoice::Splatted => Deposit::Splatted,
             },
-            flatness: match self.ldm_deposit {
+            flatness: match deposit {
                 DepositChoice::Gathered => fine.flatness,
                 DepositChoice::Splatted => SPLAT_FLATNESS,
             },
             bounces: self.ldm_bounces,
+            frames: self.ldm_frames,
             materials: order.settings.materials,
             normals: order.settings.normals,
             seed: order.settings.seed,
@@ -308,7 +309,7 @@ impl LdmTechnique {
         progress: &dyn Progress,
         found: &mut Found,
     ) -> Result<()> {
-        let [radiance, irradiance] = match self.ldm_deposit {
+        let light = match self.deposit() {
             DepositChoice::Gathered => {
                 self.by_gathering(triangles, exact, order, progress, found)?
             }
@@ -316,10 +317,7 @@ impl LdmTechnique {
                 self.by_splatting(triangles, exact, order, progress, found)?
             }
         };
-        found.values.insert(Quantity::Indirect, radiance);
-        found
-            .values
-            .insert(Quantity::IrradianceIndirect, irradiance);
+        found.light(light);
         Ok(())
     }
 
@@ -334,9 +332,13 @@ impl LdmTechnique {
     ) -> Result<[Vec<Vec3>; 2]> {
         let pixels = order.size[0] as usize * order.size[1] as usize;
         let kinds = (order.settings.normals, order.settings.materials);
-        let photons = Photons::emit(triangles, exact, &self.photons(order))?;
+        let photons = Photons::emit(
+            triangles,
+            exact,
+            &self.photons(order, DepositChoice::Gathered),
+        )?;
         found.passes.extend_from_slice(photons.passes());
-        let maps = order.maps.maps;
+        let maps = order.maps.maps.saturating_mul(self.ldm_frames);
         let samples = self.ldm_samples.min(maps);
         // Where nothing is seen there is no light: the mean cosine over a hemisphere is a half.
         let missing = 0.5 * maps as f32 / samples as f32;
@@ -374,7 +376,7 @@ impl LdmTechnique {
         found: &mut Found,
     ) -> Result<[Vec<Vec3>; 2]> {
         let seen = self.see(triangles, exact, order, found);
-        let params = self.photons(order);
+        let params = self.photons(order, DepositChoice::Splatted);
         let lit = light(triangles, exact, order.camera, &seen, &params, progress)?;
         let pixels = seen.pixels.iter().zip(&lit.indirect);
         let radiance = pixels.map(|(seen, &irradiance)| {

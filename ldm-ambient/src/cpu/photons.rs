@@ -24,6 +24,8 @@ use isophote_scene::{
 };
 use rayon::prelude::*;
 
+#[cfg(feature = "gpu")]
+pub(crate) use self::emission::leave;
 pub use self::gather::Gathered;
 pub(crate) use self::screen::Screen;
 use self::{
@@ -34,7 +36,7 @@ use self::{
     split::Split,
 };
 use super::{Point, Points, triangles::Triangles};
-use crate::{Error, MapParams, Result};
+use crate::{Directions, Error, MapParams, Result};
 
 /// Who finds whom: photons the pixels that they light, or points the photons that light them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -91,7 +93,9 @@ pub struct PhotonParams {
     pub materials: Materials,
     /// Which normals photons are reflected with.
     pub normals: Normals,
-    /// Chooses the photons of lights without a raster.
+    /// Frames that are accumulated, each with its directions turned at random (§6). 1 to 65536.
+    pub frames: u32,
+    /// Chooses the photons of lights without a raster, and how directions are turned.
     pub seed: u64,
 }
 
@@ -111,6 +115,7 @@ impl Default for PhotonParams {
             environment: true,
             materials: Materials::Pbr,
             normals: Normals::Smooth,
+            frames: 1,
             seed: 0,
         }
     }
@@ -130,6 +135,13 @@ impl PhotonParams {
             if !(1..=1 << 12).contains(&side) {
                 return Err(Error::parameter(name, side, "it must be 1 to 4096"));
             }
+        }
+        if !(1..=1 << 16).contains(&self.frames) {
+            return Err(Error::parameter(
+                "the number of frames",
+                self.frames,
+                "it must be 1 to 65536",
+            ));
         }
         if !(1..=16).contains(&self.bounces) {
             return Err(Error::parameter(
@@ -161,6 +173,14 @@ impl PhotonParams {
             }
         }
         Ok(())
+    }
+
+    /// The directions of the maps of all frames.
+    pub(crate) fn directions(&self) -> Vec<Vec3> {
+        let directions = Directions::new(self.maps.maps);
+        (0..self.frames)
+            .flat_map(|frame| directions.turned(self.seed, frame).vectors().to_vec())
+            .collect()
     }
 
     /// As many photons as it takes that kernels of gathered ones overlap. Those of a raster's pixels are flat together where

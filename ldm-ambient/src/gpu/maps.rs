@@ -182,6 +182,11 @@ impl Builder {
         Ok(true)
     }
 
+    /// Maps that are there at the same time, at most.
+    pub(super) fn maps_at_once(&self) -> usize {
+        self.most
+    }
+
     /// Bytes on the device.
     pub(super) fn bytes(&self) -> u64 {
         let Memory {
@@ -304,6 +309,11 @@ impl Memory {
 impl Series<'_> {
     pub(super) fn len(&self) -> usize {
         self.views.len()
+    }
+
+    /// How many maps a batch has.
+    pub(super) fn maps(&self, batch: usize) -> usize {
+        self.views[batch].len()
     }
 
     /// Records the building of the maps of a batch.

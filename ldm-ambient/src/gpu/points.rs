@@ -80,8 +80,7 @@ impl Points {
         self.boxes = points.points.chunks(BOX).map(around).collect();
     }
 
-    fn look(&mut self, occlusion: &Occlusion, gpu_scene: &GpuScene, look: &Look<'_>) -> Asking {
-        let origin = occlusion.origin();
+    fn look(&mut self, origin: Vec3, gpu_scene: &GpuScene, look: &Look<'_>) -> Asking {
         let corners = seen_part(look.camera, self.size, &gpu_scene.bounds());
         self.boxes = corners
             .into_iter()
@@ -156,7 +155,21 @@ impl CameraPoints {
         look: &Look<'_>,
         points: &mut Points,
     ) -> Result<()> {
-        let asking = points.look(occlusion, gpu_scene, look);
+        let origin = occlusion.origin();
+        self.record_about(context, encoder, origin, (gpu_scene, tracer), look, points)
+    }
+
+    /// The same, relative to any origin.
+    pub(super) fn record_about(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        origin: Vec3,
+        (gpu_scene, tracer): (&GpuScene, &dyn GpuTracer),
+        look: &Look<'_>,
+        points: &mut Points,
+    ) -> Result<()> {
+        let asking = points.look(origin, gpu_scene, look);
         let groups = [tracer.bind_group(), gpu_scene.bind_group()];
         record(&self.pass, context, encoder, asking, &groups, points)
     }
@@ -211,7 +224,7 @@ impl GBufferPoints {
         look: &Look<'_>,
         points: &mut Points,
     ) -> Result<()> {
-        let asking = points.look(occlusion, gpu_scene, look);
+        let asking = points.look(occlusion.origin(), gpu_scene, look);
         let groups = [
             &self.filler.group,
             gpu_scene.bind_group(),

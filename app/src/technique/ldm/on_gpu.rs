@@ -1,23 +1,17 @@
-//! Occlusion by maps that a GPU builds.
-
-use std::collections::BTreeMap;
+//! Occlusion and light by maps that a GPU builds.
 
 use anyhow::{Result, ensure};
-use glam::Vec3;
-use isophote_ldm_ambient::{
-    cpu::occlusion::Sky,
-    gpu::{BuildMethod, Occlusion},
-};
+use isophote_ldm_ambient::gpu::{BuildMethod, Occlusion, photons::Photons};
 use isophote_scene::{
-    Scene,
+    Pass, Scene,
     gpu::{
         GpuTracer,
         reference::{Integrator, World},
     },
-    reference::{Estimate, Progress, Quantity, Render},
+    reference::{Progress, Quantity},
 };
 
-use super::{LdmTechnique, OcclusionChoice, merged};
+use super::{DepositChoice, Found, LdmTechnique, OcclusionChoice};
 use crate::{
     gpu::Gpu,
     reference::{Made, Order},
@@ -31,55 +25,87 @@ pub(super) fn render(
     order: &Order<'_>,
     progress: &dyn Progress,
 ) -> Result<Made> {
-    ensure!(
-        technique.ldm_occlusion == OcclusionChoice::Maps,
-        "--ldm-occlusion hbao runs on the CPU: leave out --device gpu and --adapter, and choose a tracer there"
-    );
-    let context = &gpu.context;
     let world = World {
         scene,
         gpu_scene: &gpu.scene,
         exact,
         secondary: exact,
     };
+    let mut found = Found::default();
+    if order.wants(Quantity::is_occlusion) {
+        find_occlusion(technique, gpu, world, order, progress, &mut found)?;
+    }
+    if order.wants(|quantity| !quantity.is_occlusion()) {
+        find_light(technique, gpu, world, order, progress, &mut found)?;
+    }
+    let normals = order.settings.normals;
+    let layers = Integrator::new(&gpu.context).layers(world, order.camera, order.size, normals)?;
+    let made = found.made(order, layers);
+    let seconds = |pass: &Pass| (pass.name.to_owned(), pass.seconds);
+    Ok(Made {
+        gpu_seconds: made.passes.iter().map(seconds).collect(),
+        ..made
+    })
+}
+
+fn find_occlusion(
+    technique: &LdmTechnique,
+    gpu: &Gpu,
+    world: World<'_>,
+    order: &Order<'_>,
+    progress: &dyn Progress,
+    found: &mut Found,
+) -> Result<()> {
+    ensure!(
+        technique.ldm_occlusion == OcclusionChoice::Maps,
+        "--ldm-occlusion hbao runs on the CPU: leave out --device gpu and --adapter, and choose a tracer there"
+    );
     let (params, normals) = (technique.occlusion(order), order.settings.normals);
     let mut occlusion = Occlusion::new(
-        context,
-        (scene, &gpu.scene),
+        &gpu.context,
+        (world.scene, world.gpu_scene),
         order.selection,
         &params,
         BuildMethod::default(),
         order.size,
     )?;
     let samples = technique.ldm_samples;
-    let (skies, passes) =
-        occlusion.render(context, world, order.camera, samples, normals, progress)?;
-    let estimate = |&quantity: &Quantity| {
-        let value = |sky: &Sky| match quantity {
-            Quantity::Obscurance => sky.obscurance,
-            _ => sky.ao,
-        };
-        Estimate {
-            quantity,
-            values: skies.iter().map(|sky| Vec3::splat(value(sky))).collect(),
-            // There are no two halves.
-            noise: f32::NAN,
-        }
-    };
-    let passes = merged(&passes);
-    let seconds = passes
-        .iter()
-        .map(|pass| (pass.name.to_owned(), pass.seconds));
-    let bent = skies.iter().map(|sky| sky.bent_normal).collect();
-    Ok(Made {
-        render: Render {
-            size: order.size,
-            estimates: order.quantities.iter().map(estimate).collect(),
-            layers: Integrator::new(context).layers(world, order.camera, order.size, normals)?,
-            rays: passes.iter().map(|pass| pass.rays).sum(),
-        },
-        stages: vec![("bent-normal", bent)],
-        gpu_seconds: seconds.collect::<BTreeMap<_, _>>(),
-        passes,
-    })
+    let (skies, passes) = occlusion.render(
+        &gpu.context,
+        world,
+        order.camera,
+        samples,
+        normals,
+        progress,
+    )?;
+    found.skies(&skies);
+    found.passes.extend(passes);
+    Ok(())
+}
+
+fn find_light(
+    technique: &LdmTechnique,
+    gpu: &Gpu,
+    world: World<'_>,
+    order: &Order<'_>,
+    progress: &dyn Progress,
+    found: &mut Found,
+) -> Result<()> {
+    ensure!(
+        technique.ldm_deposit != Some(DepositChoice::Gathered),
+        "--ldm-deposit gathered runs on the CPU: leave out --device gpu and --adapter, and choose a tracer there"
+    );
+    let params = technique.photons(order, DepositChoice::Splatted);
+    let mut photons = Photons::new(
+        &gpu.context,
+        (world.scene, world.gpu_scene),
+        order.selection,
+        &params,
+        world.exact,
+        order.size,
+    )?;
+    let (light, passes) = photons.render(&gpu.context, world, order.camera, progress)?;
+    found.light([light.radiance, light.irradiance]);
+    found.passes.extend(passes);
+    Ok(())
 }

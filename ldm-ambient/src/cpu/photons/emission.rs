@@ -74,7 +74,7 @@ pub(crate) fn emit<T: Tracer + ?Sized>(
 }
 
 /// The photons that leave all lights: those of their views first, each a pixel.
-pub(super) fn leave(scene: &Scene, params: &PhotonParams) -> Vec<Leaving> {
+pub(crate) fn leave(scene: &Scene, params: &PhotonParams) -> Vec<Leaving> {
     let faces = faces(scene, params.raster);
     let of_views = faces
         .iter()

@@ -12,17 +12,14 @@ use isophote_scene::{Pass, reference::Progress};
 use rayon::prelude::*;
 
 use super::{PhotonParams, field::Field};
-use crate::{
-    Directions,
-    cpu::{
-        Points, Triangles,
-        aim::Aim,
-        lanes::{LANES, Lanes, Simd, Work, with_registers},
-        maps::{Map, Scratch},
-        occlusion::MAPS,
-        points::PointBlock,
-        view::{View, longest_axis},
-    },
+use crate::cpu::{
+    Points, Triangles,
+    aim::Aim,
+    lanes::{LANES, Lanes, Simd, Work, with_registers},
+    maps::{Map, Scratch},
+    occlusion::MAPS,
+    points::PointBlock,
+    view::{View, longest_axis},
 };
 
 /// Blocks of points that are lit together.
@@ -66,14 +63,14 @@ pub(super) fn gather(
 ) -> (Vec<Gathered>, [Pass; 2]) {
     let blocks = PointBlock::pack(&points.points, triangles.origin);
     let mut sums = vec![Sums::default(); blocks.len()];
-    let directions = Directions::new(params.maps.maps);
+    let directions = params.directions();
     let boxes: Vec<_> = blocks.chunks(LANES).map(PointBlock::bounds).collect();
     let longest = longest_axis(&triangles.bounds);
     let fit = |&direction: &Vec3| View::fit(direction, &boxes, longest, params.maps.resolution);
     let views: Vec<View> = match points.is_empty() {
         true => Vec::new(),
         false => {
-            let directions = directions.vectors().iter().skip(part as usize);
+            let directions = directions.iter().skip(part as usize);
             directions.step_by(parts as usize).map(fit).collect()
         }
     };

@@ -17,17 +17,14 @@ use super::{
     screen::Screen,
     splat::{Splat, splat},
 };
-use crate::{
-    Directions,
-    cpu::{
-        Triangles,
-        aim::Aim,
-        lanes::{LANES, Lanes, Simd, Work, with_registers},
-        maps::{Map, Scratch},
-        occlusion::MAPS,
-        points::PointBlock,
-        view::{View, longest_axis},
-    },
+use crate::cpu::{
+    Triangles,
+    aim::Aim,
+    lanes::{LANES, Lanes, Simd, Work, with_registers},
+    maps::{Map, Scratch},
+    occlusion::MAPS,
+    points::PointBlock,
+    view::{View, longest_axis},
 };
 
 /// Blocks of photons that are split together.
@@ -56,10 +53,9 @@ impl<'a> Split<'a> {
     ) -> Self {
         let points: Vec<_> = photons.iter().map(|photon| photon.point).collect();
         let blocks = PointBlock::pack(&points, triangles.origin);
-        let directions = Directions::new(params.maps.maps);
+        let directions = params.directions();
         let weight = |photon: &Photon| {
             let cosines = directions
-                .vectors()
                 .iter()
                 .map(|vector| vector.dot(photon.point.shading_normal).abs());
             cosines.sum()
@@ -79,7 +75,7 @@ impl<'a> Split<'a> {
             weights: photons.par_iter().map(weight).collect(),
             views: match boxes.is_empty() {
                 true => Vec::new(),
-                false => directions.vectors().iter().map(fit).collect(),
+                false => directions.iter().map(fit).collect(),
             },
             blocks,
             screen,

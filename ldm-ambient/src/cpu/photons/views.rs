@@ -16,12 +16,12 @@ use super::differential::Differential;
 use crate::cpu::view::{View, longest_axis};
 
 /// A photon that leaves a light.
-pub(super) struct Leaving {
-    pub(super) ray: Ray,
-    pub(super) start: SurfaceId,
+pub(crate) struct Leaving {
+    pub(crate) ray: Ray,
+    pub(crate) start: SurfaceId,
     /// Watts.
-    pub(super) flux: Vec3,
-    pub(super) differential: Differential,
+    pub(crate) flux: Vec3,
+    pub(crate) differential: Differential,
 }
 
 /// A view of a light.

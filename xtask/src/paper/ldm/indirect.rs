@@ -12,10 +12,11 @@ use crate::paper::{
 
 const TEXT: &str = "512 maps of 200². Splatted: every part of a photon lights the pixels around where it lands, as in the paper. \
     Gathered: every point looks along the maps for the photons that light it; the sums are the same, but nothing is smeared \
-    over what receives. The share is of the last stage.";
+    over what receives; photons are cut where they meet edges and shadows, and sent closer to each other where splats are \
+    narrower than two footprints. The share is of the last stage.";
 
 /// What is made: by whom, photons along a side, the size of splats.
-const CASES: [[&str; 3]; 8] = [
+const CASES: [[&str; 3]; 9] = [
     ["gathered", "16", "2"],
     ["gathered", "32", "2"],
     ["gathered", "64", "2"],
@@ -24,6 +25,7 @@ const CASES: [[&str; 3]; 8] = [
     ["gathered", "64", "4"],
     ["splatted", "64", "2"],
     ["splatted", "64", "1"],
+    ["splatted", "128", "1"],
 ];
 
 pub(super) fn measure(lab: &Lab) -> Measured {
@@ -33,13 +35,13 @@ pub(super) fn measure(lab: &Lab) -> Measured {
     };
     let common = [size, "--quantity=indirect", "--materials=lambert"];
     let (mut rows, mut numbers) = (Vec::new(), Vec::new());
-    let (mut pictures, mut curves) = (Vec::new(), Vec::new());
+    let (mut pictures, mut of_photons, mut of_sizes) = (Vec::new(), Vec::new(), Vec::new());
     for scene in [sponza(lab), cornell(lab), sibenik(lab)] {
         let title = scene.title.split(' ').next().unwrap_or_default().to_owned();
         let reference = ["--technique=reference", "--tracer=bvh", samples];
         let name = format!("{title}-reference");
         let truth = lab.render(&name, &scene, &[&common[..], &reference].concat())?;
-        let mut points = Vec::new();
+        let (mut by_photons, mut by_sizes) = (Vec::new(), Vec::new());
         for [deposit, raster, splat] in CASES {
             let flags = [
                 format!("--ldm-deposit={deposit}"),
@@ -71,7 +73,10 @@ pub(super) fn measure(lab: &Lab) -> Measured {
                 "passes": shot.report["passes"], "command": shot.command,
             }));
             if deposit == "gathered" && splat == "2" {
-                points.push((raster.parse()?, error));
+                by_photons.push((raster.parse()?, error));
+            }
+            if deposit == "gathered" && raster == "64" {
+                by_sizes.push((splat.parse()?, error));
             }
             if raster == "64" && splat == "2" {
                 pictures.push(Picture {
@@ -82,16 +87,21 @@ pub(super) fn measure(lab: &Lab) -> Measured {
                 });
             }
         }
-        curves.push(Curve {
-            name: scene.title.clone(),
-            points,
-        });
+        by_sizes.sort_by(|a: &(f64, f64), b| a.0.total_cmp(&b.0));
+        for (curves, points) in [(&mut of_photons, by_photons), (&mut of_sizes, by_sizes)] {
+            let name = scene.title.clone();
+            curves.push(Curve { name, points });
+        }
     }
-    let plot = Plot {
-        title: "relRMSE, gathered",
-        x: "photons along a side",
-        curves,
-    };
+    let plots = [
+        ("photons along a side", of_photons),
+        ("size of splats", of_sizes),
+    ];
+    let plots = plots.map(|(x, curves)| {
+        let title = "relRMSE, gathered";
+        Plot { title, x, curves }.svg().map(Part::Plot)
+    });
+    let [of_photons, of_sizes] = plots;
     let head = cells([
         "scene",
         "deposit",
@@ -108,7 +118,8 @@ pub(super) fn measure(lab: &Lab) -> Measured {
         parts: vec![
             Part::Text(TEXT.to_owned()),
             Part::Table { head, rows },
-            Part::Plot(plot.svg()?),
+            of_photons?,
+            of_sizes?,
             Part::Pictures {
                 title: "Pictures".to_owned(),
                 pictures,

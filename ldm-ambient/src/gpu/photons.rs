@@ -1,0 +1,505 @@
+//! Stages 7 to 9, the light of photons on a GPU: they leave the lights, land, are split along the maps of each batch and
+//! splatted. Twin of [`cpu::photons::light`](crate::cpu::photons::light) with [`Deposit::Splatted`].
+//!
+//! The rays that leave the lights are found once, on the CPU: there are few, and they are the same in each frame. Where they land is
+//! found by any tracer. Splats are made, listed and added batch by batch, so that memory does not grow with the number of
+//! maps; nothing is added by atomics, so two frames of the same scene are equal bit by bit.
+
+mod splats;
+
+use bytemuck::{Pod, Zeroable};
+use glam::{Vec2, Vec3, Vec4};
+use isophote_scene::{
+    Aabb, Answers, Camera, Pass, Projection, Scene, Selection,
+    gpu::{
+        ComputePass, Context, Dispatch, GpuScene, GpuTracer, Timer, View as CameraView,
+        reference::World,
+    },
+    reference::{Materials, Normals, Progress},
+};
+use wgpu::BufferUsages;
+
+use self::splats::Splats;
+use super::{
+    BuildMethod, CameraPoints, Filler, Look, Points, broken, finish, fit, grid, linker,
+    maps::{Asked, Builder, Kept},
+    target,
+    triangles::Triangles,
+};
+use crate::{
+    Deposit, Error, PhotonParams, Result, Spread,
+    cpu::{
+        photons::leave,
+        view::{View, longest_axis},
+    },
+};
+
+/// Bytes of a photon as a point, and of what it brings.
+const RECORD: u64 = 48;
+/// Photons around which maps are fitted together.
+const BOX: usize = 64;
+
+/// Textures that [`Photons::resolve`] fills: `Rgba32Float` with the usage `STORAGE_BINDING`, of the size of the picture. Their
+/// fourth number is 1.
+#[derive(Clone, Debug)]
+pub struct Targets {
+    /// Irradiance by light that bounced once, W/m².
+    pub irradiance: wgpu::Texture,
+    /// The radiance of it that diffuse surfaces send to the camera, W/(sr·m²).
+    pub radiance: wgpu::Texture,
+}
+
+/// The light of a picture, row by row from the top.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Light {
+    /// W/m².
+    pub irradiance: Vec<Vec3>,
+    /// W/(sr·m²).
+    pub radiance: Vec<Vec3>,
+}
+
+/// Photons on a device, and what it takes to splat them.
+///
+/// 1. [`emit`](Self::emit), where lights or instances have moved: it waits for where photons land.
+/// 2. [`splat`](Self::splat) for what a camera sees, then [`resolve`](Self::resolve).
+/// 3. When the commands were submitted, [`has_room`](Self::has_room): where it says no, the same is to be recorded again.
+#[derive(Debug)]
+pub struct Photons {
+    params: PhotonParams,
+    size: [u32; 2],
+    triangles: Triangles,
+    filler: Filler,
+    builder: Builder,
+    emission: ComputePass,
+    weigh: ComputePass,
+    resolve: ComputePass,
+    directions: Vec<Vec3>,
+    /// Along the directions, around where photons landed.
+    views: Vec<View>,
+    splats: Splats,
+    /// Photons as points that maps are asked for, and what they bring.
+    points: wgpu::Buffer,
+    photons: wgpu::Buffer,
+    /// Photons that left the lights.
+    count: u32,
+}
+
+/// `Emission` of photons/emission.wesl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct Emission {
+    origin: Vec3,
+    count: u32,
+    flat_normals: u32,
+    pbr: u32,
+    padding: [u32; 2],
+}
+
+/// `Resolving` of photons/resolve.wesl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct Resolving {
+    view: CameraView,
+    size: [u32; 2],
+    pbr: u32,
+    padding: u32,
+}
+
+impl Targets {
+    /// Textures of a size in pixels, which can also be read by shaders and copied.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] when the device has no textures that large.
+    pub fn new(context: &Context, size: [u32; 2]) -> Result<Self> {
+        Ok(Self {
+            irradiance: target(context, "irradiance", size)?,
+            radiance: target(context, "radiance", size)?,
+        })
+    }
+
+    /// Reads back what was submitted.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] when the device fails, or has not filled them.
+    pub fn read(&self, context: &Context) -> Result<Light> {
+        let read = |label, texture| -> Result<Vec<Vec3>> {
+            let values: Vec<Vec4> = context.read_texture(label, texture)?;
+            if values
+                .iter()
+                .any(|value| value.w != 1.0 || !value.is_finite())
+            {
+                return Err(broken("the device did not finish, or its driver is broken"));
+            }
+            Ok(values.into_iter().map(Vec4::truncate).collect())
+        };
+        Ok(Light {
+            irradiance: read("irradiance", &self.irradiance)?,
+            radiance: read("radiance", &self.radiance)?,
+        })
+    }
+}
+
+impl Photons {
+    /// For the selected part of a scene, a tracer that tells where photons land, and pictures of a size in pixels.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for parameters out of their range and for those that are not [`Deposit::Splatted`] and
+    /// [`Spread::Parallel`], [`Error::Scene`] when nothing is selected, the tracer does not answer [`Answers::Surface`], or
+    /// something is too large for the device.
+    pub fn new(
+        context: &Context,
+        (scene, gpu_scene): (&Scene, &GpuScene),
+        selection: &Selection,
+        params: &PhotonParams,
+        exact: &dyn GpuTracer,
+        size: [u32; 2],
+    ) -> Result<Self> {
+        params.check()?;
+        if params.deposit != Deposit::Splatted || params.spread != Spread::Parallel || params.direct
+        {
+            return Err(Error::Parameter {
+                name: "the photons",
+                value: format!("{:?}, {:?}", params.deposit, params.spread),
+                expected: "on GPUs they are splatted, parallel, and light that bounced alone",
+            });
+        }
+        let answers = exact.answers();
+        answers.require(Answers::Surface, "ldm", "the tracer of photons")?;
+        let filler = Filler::new(context)?;
+        let kept = Kept::Layers(BuildMethod::Linearised);
+        let traced = |name, entry_point| -> Result<ComputePass> {
+            let shader = linker().scene(gpu_scene).tracer(exact).link(name)?;
+            let groups = [exact.bind_group_layout(), gpu_scene.bind_group_layout()];
+            Ok(shader.compute_pass(context, entry_point, &groups, &[])?)
+        };
+        let weigh = linker().link("ldm_ambient::photons::weigh")?;
+        let builder = Builder::new(context, gpu_scene, kept, params.maps.resolution)?;
+        Ok(Self {
+            params: *params,
+            size,
+            triangles: Triangles::new(context, scene, gpu_scene, selection, &filler)?,
+            filler,
+            emission: traced("ldm_ambient::photons::emission", "emit")?,
+            weigh: weigh.compute_pass(context, "weigh", &[], &[])?,
+            resolve: traced("ldm_ambient::photons::resolve", "resolve")?,
+            directions: params.directions(),
+            views: Vec::new(),
+            splats: Splats::new(context, size, builder.maps_at_once())?,
+            builder,
+            points: context.storage("photons as points", RECORD)?,
+            photons: context.storage("photons", RECORD)?,
+            count: 0,
+        })
+    }
+
+    /// Sends photons through a scene whose instances are where `gpu_scene` has them, and fits maps around where they land.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] when the device fails, or there are more photons than it binds.
+    pub fn emit(
+        &mut self,
+        context: &Context,
+        scene: &Scene,
+        (gpu_scene, exact): (&GpuScene, &dyn GpuTracer),
+    ) -> Result<()> {
+        let leaving = leave(scene, &self.params);
+        self.count = leaving.len() as u32;
+        let count = u64::from(self.count);
+        let words: Vec<[Vec4; 7]> = leaving
+            .iter()
+            .map(|photon| {
+                let [x, y] = photon.differential.position;
+                let [dx, dy] = photon.differential.direction;
+                let ray = &photon.ray;
+                [ray.origin, ray.direction, photon.flux, x, y, dx, dy].map(|v| v.extend(0.0))
+            })
+            .collect();
+        context.check_storage_size("photons", size_of_val(&words[..]) as u64)?;
+        let leaving = context.buffer("photons that leave", &words, BufferUsages::STORAGE)?;
+        self.points = context.storage("photons as points", RECORD * count)?;
+        self.photons = context.storage("photons", RECORD * count)?;
+        let emission = Emission {
+            origin: self.triangles.origin,
+            count: self.count,
+            flat_normals: u32::from(self.params.normals == Normals::Flat),
+            pbr: u32::from(self.params.materials == Materials::Pbr),
+            padding: [0; 2],
+        };
+        let emission = context.buffer("emission", &[emission], BufferUsages::UNIFORM)?;
+        let directions: Vec<Vec4> = self.directions.iter().map(|d| d.extend(0.0)).collect();
+        let directions = context.buffer("directions", &directions, BufferUsages::STORAGE)?;
+        let (points, photons) = (&self.points, &self.photons);
+        let emitted = [
+            (0, emission.as_entire_binding()),
+            (1, leaving.as_entire_binding()),
+            (2, points.as_entire_binding()),
+            (3, photons.as_entire_binding()),
+        ];
+        let weighed = [
+            (0, directions.as_entire_binding()),
+            (1, points.as_entire_binding()),
+            (2, photons.as_entire_binding()),
+        ];
+        let emitted = self.emission.bind(context, &emitted)?;
+        let weighed = self.weigh.bind(context, &weighed)?;
+        let mut encoder = context.device().create_command_encoder(&Default::default());
+        let dispatch = [Dispatch {
+            offset: None,
+            workgroups: grid(count.div_ceil(64)),
+        }];
+        let groups = [&emitted, exact.bind_group(), gpu_scene.bind_group()];
+        self.emission
+            .record(&mut encoder, "emission", None, &groups, &dispatch);
+        self.weigh
+            .record(&mut encoder, "weights", None, &[&weighed], &dispatch);
+        finish(context, encoder)?;
+        self.fit(context)
+    }
+
+    /// Fits maps around photons that landed.
+    fn fit(&mut self, context: &Context) -> Result<()> {
+        let records: Vec<[Vec4; 3]> =
+            context.read("photons as points", &self.points, self.count as usize)?;
+        let landed = records.iter().filter(|record| record[0].w != 0.0);
+        let landed: Vec<Vec3> = landed.map(|record| record[0].truncate()).collect();
+        let boxes = landed
+            .chunks(BOX)
+            .map(|some| Aabb::around(some.iter().copied()));
+        let boxes: Vec<Aabb> = boxes.collect();
+        let longest = longest_axis(&self.triangles.bounds);
+        self.views = match boxes.is_empty() {
+            true => Vec::new(),
+            false => fit(
+                context,
+                &self.directions,
+                &boxes,
+                longest,
+                self.params.maps.resolution,
+            ),
+        };
+        self.splats.reserve(context, self.count)
+    }
+
+    /// What positions of the points that are lit are relative to, metres.
+    fn origin(&self) -> Vec3 {
+        self.triangles.origin
+    }
+
+    /// Records that the light of all photons is splatted onto what a camera sees, which are the `screen`'s points.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for a parallel camera or a picture of another size, [`Error::Scene`] when recording fails.
+    pub fn splat(
+        &mut self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        gpu_scene: &GpuScene,
+        (camera, screen): (&Camera, &Points),
+        timer: Option<&mut Timer>,
+    ) -> Result<()> {
+        self.begin(encoder, gpu_scene);
+        let batches = 0..self.batches();
+        self.splat_batches(
+            context,
+            encoder,
+            gpu_scene,
+            (camera, screen),
+            batches,
+            timer,
+        )
+    }
+
+    fn begin(&self, encoder: &mut wgpu::CommandEncoder, gpu_scene: &GpuScene) {
+        self.splats.begin(encoder);
+        self.triangles.record(encoder, gpu_scene, &self.filler);
+    }
+
+    fn batches(&self) -> usize {
+        self.views.len().div_ceil(self.builder.maps_at_once())
+    }
+
+    fn splat_batches(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        gpu_scene: &GpuScene,
+        (camera, screen): (&Camera, &Points),
+        batches: std::ops::Range<usize>,
+        mut timer: Option<&mut Timer>,
+    ) -> Result<()> {
+        if screen.size() != self.size {
+            let [width, height] = screen.size();
+            return Err(Error::Parameter {
+                name: "the picture of the points",
+                value: format!("{width}x{height} pixels"),
+                expected: "it must be of the size for which the photons were made",
+            });
+        }
+        if !matches!(camera.projection, Projection::Perspective { .. }) {
+            return Err(Error::Parameter {
+                name: "the camera",
+                value: "parallel".into(),
+                expected: "photons are splatted for perspective ones",
+            });
+        }
+        let asked = Asked {
+            points: self.count,
+            tolerance: self.params.maps.tolerance,
+            d_max: 0.0,
+        };
+        let series = self
+            .builder
+            .series(context, &self.triangles, &self.views, asked)?;
+        let resources = splats::Resources {
+            batches: series.batches.binding(),
+            tables: self.builder.tables(),
+            points: &self.points,
+            photons: &self.photons,
+            screen: &screen.buffer,
+        };
+        let eye = camera.pinhole();
+        let origin = self.origin();
+        let groups = self
+            .splats
+            .bind(context, &self.params, (eye, origin), resources)?;
+        for batch in batches {
+            let triangles = &self.triangles;
+            series.record(encoder, batch, triangles, gpu_scene, timer.as_deref_mut());
+            let maps = series.maps(batch);
+            self.splats
+                .record(encoder, &groups, batch, maps, timer.as_deref_mut());
+        }
+        Ok(())
+    }
+
+    /// Records that the light is written to textures.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] when the textures are not as [`Targets`] says.
+    pub fn resolve(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        (gpu_scene, exact): (&GpuScene, &dyn GpuTracer),
+        camera: &Camera,
+        targets: &Targets,
+    ) -> Result<()> {
+        let resolving = Resolving {
+            view: CameraView::of_camera(camera, self.size, &gpu_scene.bounds()),
+            size: self.size,
+            pbr: u32::from(self.params.materials == Materials::Pbr),
+            padding: 0,
+        };
+        let resolving = context.buffer("resolving", &[resolving], BufferUsages::UNIFORM)?;
+        let view = |texture: &wgpu::Texture| texture.create_view(&Default::default());
+        let (irradiance, radiance) = (view(&targets.irradiance), view(&targets.radiance));
+        let resources = [
+            (0, resolving.as_entire_binding()),
+            (1, self.splats.light.as_entire_binding()),
+            (2, wgpu::BindingResource::TextureView(&irradiance)),
+            (3, wgpu::BindingResource::TextureView(&radiance)),
+        ];
+        let group = self.resolve.bind(context, &resources)?;
+        let groups = [&group, exact.bind_group(), gpu_scene.bind_group()];
+        let dispatch = [Dispatch::over_pixels(self.size)];
+        self.resolve
+            .record(encoder, "resolve", None, &groups, &dispatch);
+        Ok(())
+    }
+
+    /// Whether there was room for all layers and splats of what was submitted since the last [`splat`](Self::splat). Where
+    /// there was not, there will be, and the picture is to be recorded again.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] when the device fails, or binds no buffers that are large enough.
+    pub fn has_room(&mut self, context: &Context) -> Result<bool> {
+        let [layers, broken_lists, entries] = self.splats.status(context)?;
+        if broken_lists != 0 {
+            return Err(broken("a pixel has more layers than there are"));
+        }
+        let layers = self.builder.make_room(context, layers)?;
+        let entries = self.splats.make_room(context, entries)?;
+        Ok(!layers && !entries)
+    }
+
+    /// Lights what a camera sees, reads it back, and tells what it took. Submits in pieces that no driver's watchdog minds.
+    ///
+    /// # Errors
+    /// As [`emit`](Self::emit), [`splat`](Self::splat) and [`Targets::read`].
+    pub fn render(
+        &mut self,
+        context: &Context,
+        world: World<'_>,
+        camera: &Camera,
+        progress: &dyn Progress,
+    ) -> Result<(Light, Vec<Pass>)> {
+        let finder = CameraPoints::new(context, world.gpu_scene, world.exact)?;
+        let mut screen = Points::new(context, self.size)?;
+        let targets = Targets::new(context, self.size)?;
+        let on = (world.gpu_scene, world.exact);
+        let encoder = || context.device().create_command_encoder(&Default::default());
+        let mut passes = Vec::new();
+        let count = |emitted: &Result<()>, photons: &Self| match emitted {
+            Ok(()) => u64::from(photons.count),
+            Err(_) => 0,
+        };
+        Pass::timed(&mut passes, "emission", || {
+            let emitted = self.emit(context, world.scene, on);
+            let rays = count(&emitted, self);
+            (emitted, [rays, 0])
+        })?;
+        let look = Look {
+            camera,
+            place: Vec2::splat(0.5),
+            sample: 0,
+            normals: self.params.normals,
+        };
+        let mut first = encoder();
+        let origin = self.origin();
+        finder.record_about(context, &mut first, origin, on, &look, &mut screen)?;
+        finish(context, first)?;
+        loop {
+            let mut begun = encoder();
+            self.begin(&mut begun, world.gpu_scene);
+            context.submit("photons", begun)?;
+            let before = passes.len();
+            for batch in 0..self.batches() {
+                let mut timer = Timer::new(context, 32);
+                let mut encoder = encoder();
+                let seen = (camera, &screen);
+                let scene = world.gpu_scene;
+                let timed = Some(&mut timer);
+                self.splat_batches(context, &mut encoder, scene, seen, batch..batch + 1, timed)?;
+                timer.resolve(&mut encoder);
+                Pass::timed(&mut passes, "photons", || {
+                    (finish(context, encoder), [0, 0])
+                })?;
+                passes.extend(timer.read(context)?.iter().filter_map(stage));
+                progress.advance(batch as u64 + 1, self.batches() as u64);
+            }
+            if self.has_room(context)? {
+                break;
+            }
+            passes.truncate(before);
+        }
+        let mut last = encoder();
+        self.resolve(context, &mut last, on, camera, &targets)?;
+        context.submit("photons", last)?;
+        Ok((targets.read(context)?, passes))
+    }
+}
+
+/// A stage as the CPU names it.
+fn stage(time: &isophote_scene::gpu::PassTime) -> Option<Pass> {
+    let name = match time.name.as_str() {
+        "split" => "split",
+        "bins" => "bins",
+        "splat" => "splat",
+        _ => "maps",
+    };
+    Some(Pass {
+        name,
+        seconds: time.time.as_secs_f64(),
+        ..Pass::default()
+    })
+}
