@@ -44,8 +44,8 @@
 //! - Shadow maps are filled by rays of the secondary tracer, not by rasterisation, so that any tracer has them.
 //! - Instant caching (§6) interpolates between points of fixed cubes, and only what mirrors show (`cpu/cache.rs`). It is for CPUs
 //!   alone: a shader would follow the trees of rays twice, once to find the cubes and once to look them up, with the lists of
-//!   cubes in storage that stages do not have left; and picking some of the lights at each point ([`GiParams::selection`]) saves
-//!   the same rays with less error, on GPUs too (README, "What was measured").
+//!   cubes in storage that stages do not have left; and it is off by a fifth of what mirrors show (README, "What was measured").
+//!   On GPUs picking some of the lights at each point ([`GiParams::selection`]) saves rays there, without cubes.
 //! - Past the paper: lights are kept for the picture by the mean square of what they bring to it ([`GiParams::kept`]), picked by
 //!   points ([`GiParams::selection`]), and pixels that no sample around them is like are lit themselves
 //!   ([`GiParams::refinement`]). All three are off unless asked for.
