@@ -12,7 +12,8 @@ pub struct GiParams {
     /// Where light paths start.
     pub sequence: Sequence,
     /// How many virtual point lights are kept for a picture, 1 to 65,536, by what they would bring it if nothing were in the
-    /// way: of eight times as many light paths they make half to two thirds of the error that as many paths make. 0, the paper's way, keeps all.
+    /// way. Of eight times as many light paths they make half to nine tenths of the error that as many paths make. 0, the paper's
+    /// way, keeps all.
     pub kept: u32,
     /// How many virtual point lights a point asks for, 1 to 65,536, picked by what they would bring it if nothing were in the
     /// way; of each part of them where they are interleaved. 0, the paper's way, asks for all. What compensating rays meet is lit by all.
