@@ -11,7 +11,8 @@ use crate::paper::{
 };
 
 const FLICKER: &str = "An object goes to and fro. Maps are built anew for every frame, along the same directions. Away from it means \
-    farther than d_max from all places where it is: there nothing changes, and what is measured is flicker. Changes are from frame to \
+    farther than d_max from all places where it is: there nothing changes, and what is measured is flicker: maps are fitted around what is seen, and move where that changes its \
+    bounds. Changes are from frame to \
     frame, in grey levels. One point a pixel.";
 
 const FIGURES: &str = "Fig. 3: the layers of three of the maps of a scene, as points, seen from the same place; the nearer the brighter. \
@@ -88,7 +89,7 @@ pub(super) fn measure_flicker(lab: &Lab) -> Measured {
     ]);
     let section = Section {
         id: "flicker",
-        title: "No flicker",
+        title: "Flicker",
         parts: vec![
             Part::Text(format!("{FLICKER} {same}")),
             Part::Table { head, rows },
