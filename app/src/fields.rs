@@ -58,6 +58,9 @@ pub(crate) struct FieldArgs {
     /// Take the fields from such a folder, instead of building them
     #[arg(long, value_name = "FOLDER")]
     field_load: Option<PathBuf>,
+    /// Take fields of other levels of detail of the meshes too: of any that have about the same bounding spheres
+    #[arg(long, requires = "field_load")]
+    field_lod: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -144,6 +147,8 @@ impl FieldArgs {
             "--field-distant: how far away is to be a number of radii from 0 on"
         );
         if let Some(folder) = &self.field_save {
+            std::fs::create_dir_all(folder)
+                .with_context(|| format!("cannot make the folder {}", folder.display()))?;
             check_writable(&file(folder, 0, 0))?;
         }
         Ok(())
@@ -241,8 +246,9 @@ impl FieldArgs {
                 let path = file(folder, mesh, index);
                 let field = Field::load(&path, self.field_memory_limit << 20)?;
                 ensure!(
-                    field.is_of(part),
-                    "{}: the field is of another mesh than '{}', or of other --field-parts; build the field anew",
+                    field.is_of(part) || self.field_lod && field.fits(part),
+                    "{}: the field is of another mesh than '{}', or of other --field-parts; build the field anew, or take \
+                     that of another level of detail with --field-lod",
                     path.display(),
                     part.name
                 );
@@ -254,8 +260,6 @@ impl FieldArgs {
 }
 
 fn save(objects: &[Object], folder: &Path) -> Result<()> {
-    std::fs::create_dir_all(folder)
-        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
     for (mesh, object) in objects.iter().enumerate() {
         for (index, field) in object.parts.iter().enumerate() {
             field.save(&file(folder, mesh, index))?;

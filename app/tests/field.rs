@@ -32,7 +32,6 @@ fn fields_are_saved_and_loaded() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = |name: &str| folder.path().join(name);
     let fields = at("fields");
-    std::fs::create_dir(&fields).expect("a folder");
     let flag = |name: &str| format!("{name}={}", fields.display());
     render(&at("a.exr"), &[&flag("--field-save")])
         .assert()

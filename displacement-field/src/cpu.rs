@@ -2,10 +2,10 @@
 //!
 //! 1. [`build`]: from every position on the bounding sphere a hemisphere of rays is traced (Algorithm 1), by any exact
 //!    tracer of the mesh alone.
-//! 2. [`samples`]: what is kept of them; [`file`](mod@file) keeps it on disk.
+//! 2. `samples`: what is kept of them; [`file`](mod@file) keeps it on disk.
 //! 3. [`look_up`]: a ray that enters the sphere is looked up (Algorithm 2); [`object`]: the fields of a mesh.
-//! 4. [`tracer`]: many fields, [`placed`]; [`span`] is the part of a ray that lies in a sphere, [`top`] finds which spheres
-//!    a ray meets, [`walk`] takes several rays through them at once; [`together`] adds what has no field.
+//! 4. [`tracer`]: many fields, `placed`; `span` is the part of a ray that lies in a sphere, `top` finds which spheres
+//!    a ray meets, `walk` takes several rays through them at once; [`together`] adds what has no field.
 //!
 //! Beside the ray there are [`proximity`], the distance to the closest point, and [`split`], several spheres for a mesh.
 
@@ -14,12 +14,12 @@ pub mod field;
 pub mod file;
 pub mod look_up;
 pub mod object;
-pub mod placed;
+pub(crate) mod placed;
 pub mod proximity;
-pub mod samples;
-pub mod span;
+pub(crate) mod samples;
+pub(crate) mod span;
 pub mod split;
 pub mod together;
-pub mod top;
+pub(crate) mod top;
 pub mod tracer;
-pub mod walk;
+pub(crate) mod walk;

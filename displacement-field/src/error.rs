@@ -43,6 +43,18 @@ pub enum Error {
         /// The radius, metres.
         radius: f64,
     },
+    /// A mesh is so far from its origin that rounding moves it beside its size.
+    #[error(
+        "the mesh '{mesh}' has a bounding sphere of {radius} m at {distance} m from its origin, where 32 bits place nothing that finely; move its vertices to the origin, and its instances instead"
+    )]
+    Far {
+        /// The mesh's name.
+        mesh: String,
+        /// From the origin of its space to the sphere's centre, metres.
+        distance: f64,
+        /// The radius, metres.
+        radius: f64,
+    },
     /// An instance is placed by something else than a rotation, a translation and a uniform scale.
     #[error(
         "the instance {instance} ('{name}') is {what}; a displacement field can only be turned, moved, mirrored and scaled uniformly: leave the instance out, or apply its transform to its mesh"
@@ -86,6 +98,15 @@ impl From<Error> for isophote_scene::Error {
                 "the radius of a mesh's bounding sphere",
                 format!("{radius} m ('{mesh}')"),
                 "it must be within 1e-15 and 1e15 m",
+            ),
+            Error::Far {
+                mesh,
+                distance,
+                radius,
+            } => parameter(
+                "the distance of a mesh from its origin",
+                format!("{distance} m ('{mesh}', of {radius} m)"),
+                "move its vertices to the origin, and its instances instead",
             ),
             Error::Transform {
                 instance,

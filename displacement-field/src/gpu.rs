@@ -21,7 +21,7 @@ use isophote_scene::{
 };
 
 use self::upload::{Fields, Words, tree_words};
-use crate::{FieldTracer, Result};
+use crate::{Error, FieldTracer, Result};
 
 /// The WESL modules of this crate.
 pub const SHADERS: ShaderPackage =
@@ -47,16 +47,26 @@ pub struct FieldGpuTracer {
 
 impl FieldGpuTracer {
     /// Uploads the fields of a tracer on CPUs, where they are placed, and triangles that have none: those that a selection takes
-    /// of another scene, or of the same one with other masks.
+    /// of another scene with the same instances, one by one: such as the same one with other masks.
     ///
     /// # Errors
-    /// [`Error::Parameter`](crate::Error::Parameter) for fields whose positions are not Slater's, [`Error::Scene`](crate::Error::Scene) when they are too large for the device
-    /// or it fails.
+    /// [`Error::Parameter`] for fields whose positions are not Slater's, and when the other scene has not as many instances;
+    /// [`Error::Scene`] when what is uploaded is too large for the device or it fails.
     pub fn new(
         context: &Context,
         twin: FieldTracer,
         others: Option<(Arc<Scene>, Selection)>,
     ) -> Result<Self> {
+        if let Some((scene, _)) = &others {
+            let (found, wanted) = (scene.instances.len(), twin.scene().instances.len());
+            if found != wanted {
+                return Err(Error::Parameter {
+                    name: "the number of instances of the scene beside the fields",
+                    value: format!("{found}, not {wanted}"),
+                    expected: "both scenes are moved together and must have the same instances",
+                });
+            }
+        }
         let (fields, words) = Fields::new(&twin)?;
         let buffer = context.buffer(FIELDS, &words, wgpu::BufferUsages::STORAGE)?;
         let transforms = others.as_ref().map(|(scene, _)| scene.transforms());
@@ -83,13 +93,17 @@ impl FieldGpuTracer {
     /// uploaded.
     ///
     /// # Errors
-    /// As [`FieldTracer::update`], and [`Error::Scene`](crate::Error::Scene) when the device fails.
+    /// As [`FieldTracer::update`], and [`Error::Scene`] when the device fails; the instances then are
+    /// where they were.
     pub fn update(&mut self, context: &Context, transforms: &[Affine3A]) -> Result<()> {
-        self.twin.update(transforms)?;
-        let tree = tree(&self.twin, self.others.as_ref(), &self.fields, transforms);
+        let mut twin = self.twin.clone();
+        twin.update(transforms)?;
+        let tree = tree(&twin, self.others.as_ref(), &self.fields, transforms);
         let tree = upload_tree(context, &tree)?;
         let tables = [(FIELDS, self.buffer.clone()), (TREE, tree)];
-        Ok(self.binding.replace_with_buffers(context, &tables)?)
+        self.binding.replace_with_buffers(context, &tables)?;
+        self.twin = twin;
+        Ok(())
     }
 
     /// The tracer on CPUs that has the same fields.

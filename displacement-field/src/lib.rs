@@ -32,9 +32,9 @@
 //! - Slater's rings are moved to where all points stand for the same area, which makes the inverse a formula instead of an
 //!   image of indices; the two hemispheres' outermost rings lie beside the equator instead of both on it.
 //! - The bounding sphere is the smallest one, larger by a share of 10⁻⁴, so that no surface lies on it.
-//! - Interpolation is over the triangles of the positions' own lattice, which are found by a formula, and not over a Delaunay
-//!   triangulation, in which a place has to be searched. Of 4226 positions 8,328 of 8,448 triangles are the same; the longest
-//!   sides are, and the RMS error of interpolating waves on the sphere is, to within 0.04 %.
+//! - Interpolation is over the triangles of the positions' own lattice, which are found by a formula. They are a Delaunay
+//!   triangulation of the positions; where there are several, of the four corners of each quad across the equator, which lie
+//!   on a circle, the formula decides.
 //! - A miss has a code of its own instead of the distance 2R, so that it is never averaged with a hit.
 //! - The distance of a field of one bit is that of a plane across the normal at the mean depth of what is hit.
 //! - Files are coded by prediction and deflate, hits apart from misses, not by run lengths.

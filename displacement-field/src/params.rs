@@ -65,14 +65,16 @@ impl FieldParams {
         self.resolution as usize * self.resolution as usize
     }
 
-    /// Bytes of a field's samples.
+    /// Bytes of a field's samples; the largest number there is where it would be more.
     pub fn bytes(&self) -> u64 {
         let positions = self.positions.count() as u64;
         let cells = u64::from(self.resolution) * u64::from(self.resolution);
         match self.storage {
             // Maps start at whole words, and each has a depth.
-            Storage::Bit => positions * (8 * cells.div_ceil(64) + 4),
-            storage => positions * cells * u64::from(storage.bits() / 8),
+            Storage::Bit => positions.saturating_mul(8 * cells.div_ceil(64) + 4),
+            storage => positions
+                .saturating_mul(cells)
+                .saturating_mul(u64::from(storage.bits() / 8)),
         }
     }
 

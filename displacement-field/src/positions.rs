@@ -15,7 +15,9 @@ use self::{octahedral::Octahedral, spherical::Spherical};
 use crate::{Error, Result};
 
 /// Where on the unit sphere a field has maps.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+///
+/// Numbers that are out of their ranges count as the nearest that is not; fields of them are refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Positions {
     /// Two hemispheres of 2n² + 2n + 1 points: 290, 1090, 4226, 16642 for n = 8, 16, 32, 64.
     Slater {
@@ -74,8 +76,8 @@ impl Positions {
         self.with(|points| points.nearest(direction))
     }
 
-    /// Three points around a unit direction and their weights, which sum to 1 and change continuously with it. A point's
-    /// own weight at the point is 1.
+    /// Three points around a unit direction and their weights, which sum to 1 and change continuously with it, but for
+    /// the poles of [`Spherical`](Self::Spherical), which no point is at. A point's own weight at the point is 1.
     pub fn around(self, direction: Vec3) -> [(u32, f32); 3] {
         self.with(|points| points.around(direction))
     }
@@ -87,9 +89,11 @@ impl Positions {
 
     fn with<T>(self, ask: impl Fn(&dyn Arrangement) -> T) -> T {
         match self {
-            Self::Slater { rings } => ask(&Slater::new(rings)),
-            Self::Spherical { rows, columns } => ask(&Spherical::new(rows, columns)),
-            Self::Octahedral { side } => ask(&Octahedral::new(side)),
+            Self::Slater { rings } => ask(&Slater::new(rings.clamp(1, 256))),
+            Self::Spherical { rows, columns } => {
+                ask(&Spherical::new(rows.clamp(2, 512), columns.clamp(3, 1024)))
+            }
+            Self::Octahedral { side } => ask(&Octahedral::new(side.clamp(2, 512))),
         }
     }
 

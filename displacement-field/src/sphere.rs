@@ -20,8 +20,8 @@ const STEPS: usize = 1000;
 /// The smallest sphere around finite points, in 64 bits: its centre and radius; `None` without points.
 ///
 /// The sphere of at most four points that hold it is found; then the point furthest outside joins them and one may leave,
-/// until none is outside (a simplex method, as in E. Welzl, "Smallest enclosing disks", 1991). A pass over all points for
-/// each of some ten steps.
+/// until none is outside (a simplex method; that at most four points hold the sphere: E. Welzl, "Smallest enclosing disks
+/// (balls and ellipsoids)", 1991). A pass over all points for each of some ten steps.
 pub(crate) fn smallest(points: &[Vec3]) -> Option<(DVec3, f64)> {
     let first = points.first()?.as_dvec3();
     let mut support = vec![first];

@@ -2,11 +2,15 @@
 
 mod support;
 
+use std::sync::Arc;
+
 use glam::{Affine3A, Mat3A, Vec3};
 use isophote_displacement_field::{
     Error, Field, FieldParams, FieldTracer, LookUp, Object, Positions,
 };
-use isophote_scene::{Answers, BvhTracer, Hit, Mesh, Ray, Selection, Tracer};
+use isophote_scene::{
+    Aabb, Answers, BvhTracer, Hit, Instance, Mesh, Ray, Scene, Selection, Tracer,
+};
 use support::{coarse, errors, exact, field, mesh, placed, rays, scene, torus};
 
 #[test]
@@ -33,6 +37,8 @@ fn what_cannot_be_placed_is_refused() {
         "sheared",
     );
     refused(Affine3A::from_scale(Vec3::new(1.0, 0.0, 1.0)), "flattened");
+    refused(Affine3A::from_scale(Vec3::splat(1e-16)), "so small");
+    refused(Affine3A::from_scale(Vec3::splat(1e16)), "so large");
     let none = FieldTracer::new(
         &scene(&torus, &[Affine3A::IDENTITY]),
         &Selection::default(),
@@ -40,6 +46,30 @@ fn what_cannot_be_placed_is_refused() {
         LookUp::Aimed,
     );
     assert!(matches!(none, Err(Error::Parameter { .. })));
+}
+
+/// Bounds that leave a mesh out, of which an instance moves into them.
+#[test]
+fn what_moves_into_the_bounds_without_a_field_is_refused() {
+    let torus = torus("torus", 8, 8, 0.4);
+    let mut two = Scene::clone(&scene(&torus, &[Affine3A::IDENTITY]));
+    two.meshes.push(torus.clone());
+    let away = Affine3A::from_translation(Vec3::X * 50.0);
+    two.instances.push(Instance::new(1, away));
+    let two = Arc::new(two);
+    let selection = Selection {
+        bounds: Some(Aabb::around([Vec3::splat(-2.0), Vec3::splat(2.0)])),
+        ..Selection::default()
+    };
+    let object = Object::new(field(&torus, &coarse()));
+    for objects in [vec![object.clone()], vec![object, Object::default()]] {
+        let mut tracer = FieldTracer::new(&two, &selection, objects, LookUp::Aimed).unwrap();
+        let refused = tracer.update(&[Affine3A::IDENTITY; 2]).unwrap_err();
+        assert!(matches!(refused, Error::Parameter { .. }), "{refused}");
+        // All is where it was.
+        assert_eq!(tracer.spheres().count(), 1);
+        tracer.update(&two.transforms()).unwrap();
+    }
 }
 
 /// A tracer that tells too little.
@@ -67,6 +97,8 @@ fn what_cannot_be_built_is_refused() {
         build(&Mesh::default(), coarse()),
         Err(Error::Empty { .. })
     ));
+    let far = mesh(&[[Vec3::X, Vec3::Y, Vec3::Z].map(|corner| corner + 1e7)]);
+    assert!(matches!(build(&far, coarse()), Err(Error::Far { .. })));
     let huge = mesh(&[[Vec3::X, Vec3::Y, Vec3::Z].map(|corner| corner * 1e20)]);
     assert!(matches!(build(&huge, coarse()), Err(Error::Size { .. })));
     for params in [

@@ -1,6 +1,8 @@
 //! Positions and directions: every inverse gives back what it was given, and the nearest sample is near.
+use std::collections::{BTreeSet, HashMap};
+
 use glam::{Vec2, Vec3};
-use isophote_displacement_field::{Directions, Positions};
+use isophote_displacement_field::{Directions, FieldParams, Positions, Storage};
 use isophote_scene::sample::{Sampler, uniform_sphere};
 use proptest::prelude::*;
 
@@ -77,6 +79,75 @@ fn the_nearest_is_within_reach_and_mostly_the_nearest() {
             excess <= 0.05 * positions.reach(),
             "{positions:?}: {excess}"
         );
+    }
+}
+
+/// Whatever the numbers are, there are points.
+#[test]
+fn numbers_out_of_range_count_as_the_nearest_within() {
+    for positions in [
+        Positions::Slater { rings: 0 },
+        Positions::Slater { rings: u32::MAX },
+        Positions::Spherical {
+            rows: 0,
+            columns: 0,
+        },
+        Positions::Spherical {
+            rows: u32::MAX,
+            columns: u32::MAX,
+        },
+        Positions::Octahedral { side: 0 },
+        Positions::Octahedral { side: 50_000 },
+    ] {
+        let count = positions.count();
+        assert!((2..=600_000).contains(&count));
+        for direction in [Vec3::Z, Vec3::NEG_Z, direction(7)] {
+            assert!((positions.nearest(direction) as usize) < count);
+            let corners = positions.around(direction);
+            assert!(corners.iter().all(|corner| (corner.0 as usize) < count));
+        }
+        let params = FieldParams {
+            positions,
+            resolution: u32::MAX,
+            storage: Storage::Float,
+            ..FieldParams::default()
+        };
+        assert_eq!(params.bytes(), u64::MAX);
+    }
+}
+
+/// No corner of a neighbouring triangle is within the circle around a triangle's own: beyond its plane, on a sphere.
+#[test]
+fn the_triangles_of_positions_are_delaunays() {
+    for rings in [1, 2, 3, 8, 16] {
+        let positions = Positions::Slater { rings };
+        // Those that interpolation is over, found by asking all over the sphere.
+        let mut triangles = BTreeSet::new();
+        for index in 0..60_000 {
+            let corners = positions.around(direction(index));
+            if corners.iter().all(|corner| corner.1 > 1e-3) {
+                let mut triangle = corners.map(|corner| corner.0 as usize);
+                triangle.sort_unstable();
+                triangles.insert(triangle);
+            }
+        }
+        assert_eq!(triangles.len(), 2 * positions.count() - 4, "{rings}");
+        let mut opposite: HashMap<[usize; 2], Vec<usize>> = HashMap::new();
+        for &[a, b, c] in &triangles {
+            for ([from, to], third) in [([a, b], c), ([b, c], a), ([a, c], b)] {
+                opposite.entry([from, to]).or_default().push(third);
+            }
+        }
+        let point = |index: usize| positions.point(index).as_dvec3();
+        for ([a, b], thirds) in opposite {
+            let [c, d] = thirds[..] else {
+                panic!("{rings}: {thirds:?} at {a} and {b}");
+            };
+            let normal = (point(b) - point(a)).cross(point(c) - point(a)).normalize();
+            let outward = normal * normal.dot(point(a)).signum();
+            let beyond = outward.dot(point(d) - point(a));
+            assert!(beyond < 1e-6, "{rings}: {beyond} at {a} and {b}");
+        }
     }
 }
 

@@ -50,3 +50,13 @@ fn other_positions_are_refused() {
     let refused = FieldGpuTracer::new(&Context::noop(), twin, None);
     assert!(matches!(refused, Err(Error::Parameter { .. })));
 }
+
+#[test]
+fn scenes_that_are_moved_together_have_the_same_instances() {
+    let twin = tracer(Positions::Slater { rings: 2 });
+    let torus = support::torus("torus", 8, 6, 0.45);
+    let two = support::scene(&torus, &[Affine3A::IDENTITY; 2]);
+    let others = Some((two, Selection::default()));
+    let refused = FieldGpuTracer::new(&Context::noop(), twin, others);
+    assert!(matches!(refused, Err(Error::Parameter { .. })));
+}

@@ -162,12 +162,35 @@ impl Corner {
             .expect("a tracer")
     }
 
-    pub(crate) fn measure(&self, case: &Case, speed: bool, memory: bool) {
+    /// Each case; those of 32 bits first, with which the others are compared.
+    pub(crate) fn measure_all(&self, cases: &[Case], speed: bool, memory: bool) {
+        let is_float = |case: &&Case| case.params.storage == Storage::Float;
+        let (floats, others): (Vec<_>, Vec<_>) = cases.iter().partition(is_float);
+        let mut whole: Vec<(Case, Vec<f64>)> = Vec::new();
+        for case in floats.into_iter().chain(others) {
+            let ao = self.measure(case, speed, memory, &whole);
+            if case.params.storage == Storage::Float {
+                whole.push((*case, ao));
+            }
+        }
+    }
+
+    /// One case; returns its ambient occlusion, with which those that store less are compared.
+    fn measure(
+        &self,
+        case: &Case,
+        speed: bool,
+        memory: bool,
+        whole: &[(Case, Vec<f64>)],
+    ) -> Vec<f64> {
         let (field, build_seconds) = self.field(&case.params);
         let bytes = field.bytes();
         let coded = memory.then(|| field.coded_bytes().expect("bytes"));
         let tracer = self.tracer(Object::new(field), case.look_up);
-        let mut report = self.report(&tracer, case.params.directions);
+        let (mut report, ao) = self.report(&tracer, case.params.directions);
+        if let Some((_, of_floats)) = whole.iter().find(|known| known.0.is_but_stored_as(case)) {
+            report["ao_rms_of_floats"] = json!(difference(&ao, of_floats)[0]);
+        }
         report["positions"] = json!(case.params.positions.count());
         report["resolution"] = json!(case.params.resolution);
         report["directions"] = json!(format!("{:?}", case.params.directions).to_lowercase());
@@ -183,6 +206,7 @@ impl Corner {
             self.add_shadows(&tracer, &mut report);
         }
         println!("{report}");
+        ao
     }
 
     /// Several spheres, at about the memory of one.
@@ -207,7 +231,7 @@ impl Corner {
         let (bytes, held) = (object.bytes(), object.parts.len());
         for look_up in LookUp::ALL {
             let tracer = self.tracer(object.clone(), look_up);
-            let mut report = self.report(&tracer, Directions::Concentric);
+            let (mut report, _) = self.report(&tracer, Directions::Concentric);
             report["parts"] = json!(held);
             report["positions"] = json!(params.field.positions.count());
             report["look_up"] = json!(format!("{look_up:?}").to_lowercase());
@@ -250,11 +274,16 @@ impl Corner {
         report["shadow_times"] = json!(field / exact);
     }
 
-    /// Errors of ambient occlusion and obscurance.
-    fn report(&self, tracer: &FieldTracer, directions: Directions) -> Value {
+    /// Errors of ambient occlusion and obscurance; and the ambient occlusion.
+    fn report(&self, tracer: &FieldTracer, directions: Directions) -> (Value, Vec<f64>) {
         let rays = self.rays(directions);
-        let [ao, obscurance, confusion] = self.errors(tracer, &rays);
-        json!({
+        let start = Instant::now();
+        let found = any(tracer, &rays.rays);
+        let run_seconds = start.elapsed().as_secs_f64();
+        let values = self.mean(&rays, &open(&found));
+        let [ao, obscurance, confusion] = self.errors(tracer, &rays, &found);
+        let report = json!({
+            "run_seconds": run_seconds,
             "scene": self.name,
             "triangles": self.mesh.triangles.len(),
             "ao_rms": ao[0],
@@ -265,14 +294,14 @@ impl Corner {
             "false_hits": confusion[0],
             "false_misses": confusion[1],
             "hits": confusion[2],
-        })
+        });
+        (report, values)
     }
 
-    fn errors(&self, tracer: &FieldTracer, rays: &Rays) -> [[f64; 3]; 3] {
+    fn errors(&self, tracer: &FieldTracer, rays: &Rays, found: &[bool]) -> [[f64; 3]; 3] {
         let truth = any(&self.exact, &rays.rays);
-        let found = any(tracer, &rays.rays);
         let ao = difference(
-            &self.mean(rays, &open(&found)),
+            &self.mean(rays, &open(found)),
             &self.mean(rays, &open(&truth)),
         );
         let short: Vec<Ray> = rays.rays.iter().map(|ray| ray.until(self.radius)).collect();

@@ -321,3 +321,112 @@ impl Header {
 fn damaged(path: &Path, reason: &str) -> Error {
     FORMAT.damaged(path, reason).into()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ten maps of nine samples.
+    fn field(storage: Storage) -> Field {
+        let params = FieldParams {
+            positions: Positions::Slater { rings: 1 },
+            resolution: 3,
+            storage,
+            ..FieldParams::default()
+        };
+        let mut samples = Samples::with_room(&params);
+        let distances: Vec<f32> = (0..90).map(|index| index as f32 / 60.0).collect();
+        samples.extend(&distances, &params.cosines());
+        let sphere = Sphere {
+            center: Vec3::ONE,
+            radius: 2.0,
+        };
+        Field::new(params, sphere, [1, 2], samples)
+    }
+
+    /// What is said of a sealed file of a header and samples.
+    fn said_of(header: &Header, coded: &[u8]) -> String {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.field");
+        FORMAT.write(&path, header, &[coded]).expect("a file");
+        let error = Field::load(&path, 1 << 20).expect_err("it is wrong");
+        error.to_string()
+    }
+
+    #[test]
+    fn headers_of_whole_files_are_checked() {
+        let field = field(Storage::Byte);
+        let coded = field.coded().expect("bytes");
+        let good = field.header(coded.len() as u64);
+        let changes: [fn(&mut Header); 13] = [
+            |header| header.positions = [3, 1, 0],
+            |header| header.positions = [0, 1, 5],
+            |header| header.positions = [0, 0, 0],
+            |header| header.positions = [0, u32::MAX, 0],
+            |header| header.positions = [1, 2, 2],
+            |header| header.positions = [2, 513, 0],
+            |header| header.directions = 3,
+            |header| header.resolution = 0,
+            |header| header.resolution = 1025,
+            |header| header.bits = 7,
+            |header| header.radius = 0.0,
+            |header| header.radius = f32::INFINITY,
+            |header| header.center[1] = f32::NAN,
+        ];
+        for (index, change) in changes.into_iter().enumerate() {
+            let mut header = good;
+            change(&mut header);
+            let said = said_of(&header, &coded);
+            let reason = match index {
+                0..10 => "parameters out of their range",
+                _ => "its sphere has no extent",
+            };
+            assert!(said.contains(reason), "{index}: {said}");
+        }
+    }
+
+    #[test]
+    fn samples_of_whole_files_are_checked() {
+        let said_of_samples = |storage, samples: Samples| {
+            let mut field = field(storage);
+            field.samples = samples;
+            let coded = field.coded().expect("bytes");
+            said_of(&field.header(coded.len() as u64), &coded)
+        };
+        let bits = |maps: usize, depth: f32| {
+            let (words, depths) = (vec![5; maps], vec![depth; maps]);
+            Samples::Bit(Bits { words, depths })
+        };
+        let length = "not as many as its header says";
+        for (storage, samples, reason) in [
+            (Storage::Byte, Samples::Byte(vec![7; 81]), length),
+            (Storage::Byte, Samples::Byte(vec![7; 99]), length),
+            (Storage::Word, Samples::Word(vec![7; 81]), length),
+            (Storage::Float, Samples::Float(vec![0.5; 99]), length),
+            (
+                Storage::Float,
+                Samples::Float(vec![2.5; 90]),
+                "distance is out",
+            ),
+            (
+                Storage::Float,
+                Samples::Float(vec![-0.5; 90]),
+                "distance is out",
+            ),
+            (
+                Storage::Float,
+                Samples::Float(vec![f32::NAN; 90]),
+                "distance is out",
+            ),
+            (Storage::Bit, bits(9, 0.5), length),
+            (Storage::Bit, bits(11, 0.5), length),
+            (Storage::Bit, bits(10, 2.5), "depth is out"),
+            (Storage::Bit, bits(10, f32::NAN), "depth is out"),
+        ] {
+            let said = said_of_samples(storage, samples.clone());
+            assert!(said.contains(reason), "{samples:?}: {said}");
+        }
+        let header = field(Storage::Byte).header(3);
+        assert!(said_of(&header, b"no!").contains("cannot be decoded"));
+    }
+}

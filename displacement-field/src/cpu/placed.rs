@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use glam::{Affine3A, Mat3A, Vec3};
+use glam::{Affine3A, DAffine3, DMat3, DVec3, Vec3};
 use isophote_scene::Ray;
 
 use super::{
+    build::SIZES,
     field::Field,
     look_up::{LookUp, Question, with_maps},
     samples::Store,
@@ -41,19 +42,19 @@ impl Placed {
         kind: u32,
         instance: u32,
         transform: &Affine3A,
-        scale: f32,
+        scale: f64,
     ) -> Self {
         let sphere = field.sphere();
-        let to_sphere = Affine3A {
-            matrix3: Mat3A::from_diagonal(Vec3::splat(1.0 / sphere.radius)),
-            translation: (-sphere.center / sphere.radius).into(),
+        let (center, radius) = (sphere.center.as_dvec3(), f64::from(sphere.radius));
+        let to_sphere = DAffine3 {
+            matrix3: DMat3::from_diagonal(DVec3::splat(1.0 / radius)),
+            translation: -center / radius,
         };
-        let to_unit = to_sphere * transform.inverse();
+        // In 32 bits the determinants of tiny and of huge scales leave the range.
+        let to_unit = to_sphere * in_64_bits(transform).inverse();
         let row = |index| {
-            to_unit
-                .matrix3
-                .row(index)
-                .extend(to_unit.translation[index])
+            let row = to_unit.matrix3.row(index);
+            row.extend(to_unit.translation[index]).as_vec4()
         };
         Self {
             to_unit: [0, 1, 2].map(|index| row(index).to_array()),
@@ -62,10 +63,23 @@ impl Placed {
             instance,
             sphere: Sphere {
                 center: transform.transform_point3(sphere.center),
-                radius: scale * sphere.radius,
+                radius: (scale * radius) as f32,
             },
             slack: field.tolerance() / sphere.radius,
         }
+    }
+
+    /// Whether 32 bits hold the squares of its radius, and the way to its space.
+    pub(crate) fn is_within_range(&self) -> bool {
+        let radius = f64::from(self.sphere.radius);
+        // What `Field::build` takes may be placed as it is, though its sphere is a little larger than the mesh.
+        (*SIZES.start()..=1.1 * SIZES.end()).contains(&radius)
+            && self.sphere.center.is_finite()
+            && self
+                .to_unit
+                .as_flattened()
+                .iter()
+                .all(|value| value.is_finite())
     }
 
     /// [`Tracer::tolerance`](isophote_scene::Tracer::tolerance) within the sphere, radii.
@@ -80,6 +94,14 @@ impl Placed {
             self.to_unit
                 .map(|row| glam::Vec4::from_array(row).dot(point)),
         )
+    }
+}
+
+/// A transform, to calculate with.
+pub(crate) fn in_64_bits(transform: &Affine3A) -> DAffine3 {
+    DAffine3 {
+        matrix3: glam::Mat3::from(transform.matrix3).as_dmat3(),
+        translation: Vec3::from(transform.translation).as_dvec3(),
     }
 }
 

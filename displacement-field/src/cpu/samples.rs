@@ -1,6 +1,6 @@
 //! What is kept of a field's rays: distances from the position in radii of the sphere, 0..=2, or that nothing was hit.
 
-use crate::{Storage, lanes::Lanes};
+use crate::{FieldParams, Storage, lanes::Lanes};
 
 /// All samples of a field: map after map, row after row.
 #[derive(Clone, Debug, PartialEq)]
@@ -187,33 +187,52 @@ macro_rules! with_store {
 }
 pub(crate) use with_store;
 
+/// The code of a distance, or the one beyond the largest for a miss.
 fn encode(distance: f32, largest: f32) -> f32 {
-    (0.5 * distance.clamp(0.0, 2.0) * largest).round()
+    if distance.is_finite() {
+        (0.5 * distance.clamp(0.0, 2.0) * largest).round()
+    } else {
+        largest + 1.0
+    }
 }
 
 impl Samples {
-    /// Keeps distances, map after map of `cells` each; `cosines` are those of the cells to the normal.
-    pub(crate) fn of(distances: Vec<f32>, storage: Storage, cells: usize, cosines: &[f32]) -> Self {
-        let coded = |largest: f32| {
-            let code = move |distance: &f32| {
-                if distance.is_finite() {
-                    encode(*distance, largest)
-                } else {
-                    largest + 1.0
-                }
-            };
-            distances.iter().map(code)
-        };
-        match storage {
-            Storage::Float => Self::Float(distances),
-            Storage::Word => Self::Word(coded(WORDS).map(|code| code as u16).collect()),
-            Storage::Byte => Self::Byte(coded(BYTES).map(|code| code as u8).collect()),
-            Storage::Bit => {
-                let mut bits = Bits::default();
-                for map in distances.chunks_exact(cells) {
+    /// None yet, with room for those of a whole field.
+    pub(crate) fn with_room(params: &FieldParams) -> Self {
+        let (maps, cells) = (params.positions.count(), params.cells());
+        match params.storage {
+            Storage::Float => Self::Float(Vec::with_capacity(maps * cells)),
+            Storage::Word => Self::Word(Vec::with_capacity(maps * cells)),
+            Storage::Byte => Self::Byte(Vec::with_capacity(maps * cells)),
+            Storage::Bit => Self::Bit(Bits {
+                words: Vec::with_capacity(maps * cells.div_ceil(64)),
+                depths: Vec::with_capacity(maps),
+            }),
+        }
+    }
+
+    /// Adds whole maps of distances; `cosines` are those of a map's cells to the normal.
+    pub(crate) fn extend(&mut self, distances: &[f32], cosines: &[f32]) {
+        match self {
+            Self::Float(samples) => samples.extend_from_slice(distances),
+            Self::Word(samples) => {
+                samples.extend(
+                    distances
+                        .iter()
+                        .map(|&distance| encode(distance, WORDS) as u16),
+                );
+            }
+            Self::Byte(samples) => {
+                samples.extend(
+                    distances
+                        .iter()
+                        .map(|&distance| encode(distance, BYTES) as u8),
+                );
+            }
+            Self::Bit(bits) => {
+                for map in distances.chunks_exact(cosines.len()) {
                     bits.push(map, cosines);
                 }
-                Self::Bit(bits)
             }
         }
     }
@@ -266,6 +285,21 @@ impl Bits {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Positions;
+
+    /// Those of a field of ten positions, in two goes.
+    fn samples(maps: &[f32], storage: Storage, resolution: u32, cosines: &[f32]) -> Samples {
+        let mut samples = Samples::with_room(&FieldParams {
+            positions: Positions::Slater { rings: 1 },
+            resolution,
+            storage,
+            ..FieldParams::default()
+        });
+        let (first, rest) = maps.split_at(cosines.len());
+        samples.extend(first, cosines);
+        samples.extend(rest, cosines);
+        samples
+    }
 
     #[test]
     fn distances_come_back_and_misses_stay_misses() {
@@ -283,7 +317,7 @@ mod tests {
             (Storage::Word, 1.01 / 65_534.0),
             (Storage::Byte, 1.01 / 254.0),
         ] {
-            let samples = Samples::of(distances.clone(), storage, 16, &[1.0; 16]);
+            let samples = samples(&distances, storage, 4, &[1.0; 16]);
             for (index, distance) in distances.iter().enumerate() {
                 let found = samples.distance(index / 16, index % 16, 16, 1.0);
                 let same = found == *distance || (found - distance).abs() <= error;
@@ -294,8 +328,8 @@ mod tests {
 
     #[test]
     fn bits_have_the_mean_depth() {
-        let distances = vec![0.5, f32::INFINITY, 1.0, f32::INFINITY];
-        let samples = Samples::of(distances, Storage::Bit, 4, &[1.0, 1.0, 0.5, 1.0]);
+        let distances = [0.5, f32::INFINITY, 1.0, f32::INFINITY];
+        let samples = samples(&distances, Storage::Bit, 2, &[1.0, 1.0, 0.5, 1.0]);
         let at = |cell, cosine| samples.distance(0, cell, 4, cosine);
         assert_eq!([at(0, 1.0), at(2, 0.5)], [0.5, 1.0]);
         assert_eq!([at(1, 1.0), at(3, 1.0)], [f32::INFINITY; 2]);

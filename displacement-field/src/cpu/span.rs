@@ -103,8 +103,7 @@ impl<L: Lanes> Span<L> {
         }
     }
 
-    /// Where rays hit, infinite where they do not; not nearer to their starts than `slack` radii for those that start
-    /// inside.
+    /// Where rays hit, infinite where they do not; not nearer to their starts than `slack` radii.
     ///
     /// Any and closest agree: a ray from within hits if the chord's last surface is in its range, or lies before it and
     /// the first is in its range.
@@ -136,7 +135,7 @@ impl<L: Lanes> Span<L> {
             }
             // Minus infinity where nothing is hit from within.
             t = end;
-            found = found & L::select(self.inside, start, self.t_min).less(t);
+            found = found & start.less(t);
             let settled = if ANY { t.less(self.t_max) } else { !found };
             if (self.inside & found & !settled).bits() == 0 {
                 break;

@@ -156,7 +156,7 @@ impl Node {
                 let (o, i) = (k(walk.origin[axis]), k(walk.inverse[axis]));
                 let a = (W::load(&self.min[axis][first..]) - o) * i;
                 let b = (W::load(&self.max[axis][first..]) - o) * i;
-                // What is NaN, of a ray along a side, changes nothing.
+                // A ray along a side, where there is NaN, may miss the box: its spheres do not reach that far.
                 near = a.min(b).max(near);
                 far = a.max(b).min(far);
             }
@@ -322,17 +322,19 @@ impl Top {
     /// Calls with each sphere that is within a limit of a point; the call may lower it.
     pub(crate) fn near(&self, point: Vec3, limit: f32, mut call: impl FnMut(usize, &mut f32)) {
         let mut limit = limit;
-        let mut waiting = vec![(self.levels.len() + 1, 0)];
-        while let Some((level, index)) = waiting.pop() {
-            if self.order.is_empty() {
-                return;
-            }
+        let mut waiting = [(0, 0); STACK];
+        waiting[0] = (self.levels.len() + 1, 0);
+        let mut depth = usize::from(!self.order.is_empty());
+        while depth > 0 {
+            depth -= 1;
+            let (level, index) = waiting[depth];
             for child in 0..self.children(level, index) {
                 let below = index * WIDTH + child;
                 if level > 1 {
                     let square = self.levels[level - 2][index].squared_distances(point)[child];
                     if square <= limit * limit {
-                        waiting.push((level - 1, below));
+                        waiting[depth] = (level - 1, below);
+                        depth += 1;
                     }
                     continue;
                 }

@@ -1,6 +1,6 @@
 //! Stage 4: fields placed in a scene answer rays of the world.
 //!
-//! A ray is taken to the space of each field whose sphere it meets; there its [span](super::span) says which part of it can
+//! A ray is taken to the space of each field whose sphere it meets; there its span (`span.rs`) says which part of it can
 //! hit, and [`look_up`](super::look_up) what it hits. Moving instances moves spheres and nothing else.
 
 use std::sync::Arc;
@@ -13,8 +13,8 @@ use isophote_scene::{
 use super::{
     field::Field,
     look_up::LookUp,
-    object::{Object, bounds, is_selected, meshes},
-    placed::{One, Placed, all_hits},
+    object::{Object, bounds, is_selected},
+    placed::{One, Placed, all_hits, in_64_bits},
     top::Top,
     walk::Fields,
 };
@@ -44,7 +44,8 @@ pub struct FieldTracer {
 }
 
 impl FieldTracer {
-    /// Places objects: one for every mesh of the scene, which may be empty for those that [`meshes`] does not name.
+    /// Places objects: one for every mesh of the scene, which may be empty for those that
+    /// [`meshes`](crate::meshes) does not name.
     ///
     /// # Errors
     /// [`Error::Transform`] for an instance that is not only turned, moved, mirrored and scaled uniformly;
@@ -55,18 +56,6 @@ impl FieldTracer {
         objects: Vec<Object>,
         look_up: LookUp,
     ) -> Result<Self> {
-        let missing = |index: &usize| {
-            objects
-                .get(*index)
-                .is_none_or(|object| object.parts.is_empty())
-        };
-        if let Some(index) = meshes(scene, selection).into_iter().find(missing) {
-            return Err(Error::Parameter {
-                name: "a mesh without an object",
-                value: format!("{index} ('{}')", scene.meshes[index].name),
-                expected: "every mesh of a selected instance needs a field",
-            });
-        }
         let mut tracer = Self {
             scene: scene.clone(),
             selection: *selection,
@@ -90,7 +79,8 @@ impl FieldTracer {
     /// tree over the spheres.
     ///
     /// # Errors
-    /// As [`new`](Self::new); the instances then are where they were.
+    /// As [`new`](Self::new), also when an instance without an object comes into the selection's bounds; the instances
+    /// then are where they were.
     pub fn update(&mut self, transforms: &[Affine3A]) -> Result<()> {
         check_transforms(&self.scene, transforms)?;
         self.place(transforms)
@@ -105,6 +95,24 @@ impl FieldTracer {
     /// Which samples answer a ray, from now on.
     pub fn set_look_up(&mut self, look_up: LookUp) {
         self.look_up = look_up;
+    }
+
+    /// Every field of the objects once: levels of detail of a mesh may share one.
+    pub(crate) fn distinct(&self) -> Vec<Arc<Field>> {
+        let mut fields: Vec<Arc<Field>> = Vec::new();
+        for object in &self.objects {
+            for field in object.parts.iter().chain(&object.distant) {
+                if !fields.iter().any(|known| Arc::ptr_eq(known, field)) {
+                    fields.push(field.clone());
+                }
+            }
+        }
+        fields
+    }
+
+    #[cfg(feature = "gpu")]
+    pub(crate) fn scene(&self) -> &Scene {
+        &self.scene
     }
 
     #[cfg(feature = "gpu")]
@@ -122,9 +130,9 @@ impl FieldTracer {
         &self.objects
     }
 
-    /// Bytes of all fields, and of the tree over their spheres.
+    /// Bytes of all fields, those that several meshes share once, and of the tree over their spheres.
     pub fn bytes(&self) -> usize {
-        let fields: usize = self.objects.iter().map(Object::bytes).sum();
+        let fields: usize = self.distinct().iter().map(|field| field.bytes()).sum();
         fields + size_of_val(&self.placed[..]) + self.top.bytes()
     }
 
@@ -133,8 +141,9 @@ impl FieldTracer {
         self.placed.iter().map(|placed| placed.sphere)
     }
 
-    /// The distance from a point to the closest surface of an instance, metres, about as exact as
-    /// [`tolerance`](Tracer::tolerance) says: see [`Field::closest`]. `None` where nothing is within `limit`.
+    /// The distance from a point to the closest surface of an instance, metres: too far rather than too near, by up to
+    /// the distance between samples or where what is closest is hidden, as [`Field::closest`] says. `None` where nothing is
+    /// found within `limit`.
     pub fn closest(&self, point: Vec3, limit: f32) -> Option<(f32, u32)> {
         let mut best: Option<(f32, u32)> = None;
         self.top.near(point, limit, |index, limit| {
@@ -159,17 +168,25 @@ impl FieldTracer {
             if !is_selected(&self.scene, instance, bounds, transform, &self.selection) {
                 continue;
             }
-            let scale = uniform_scale(transform).map_err(|what| Error::Transform {
+            let object = self.objects.get(mesh);
+            let object = object.filter(|object| !object.parts.is_empty());
+            let object = object.ok_or_else(|| self.missing(mesh))?;
+            let refused = |what| Error::Transform {
                 instance,
                 name: self.scene.instances[instance].name.clone(),
                 what,
-            })?;
-            let object = &self.objects[mesh];
+            };
+            let scale = uniform_scale(transform).map_err(refused)?;
             for (part, field) in object.parts.iter().enumerate() {
                 let place = |field: &Arc<Field>, kinds: &mut Vec<_>| {
                     Placed::new(field, kind(kinds, field), instance as u32, transform, scale)
                 };
                 let near = place(field, &mut kinds);
+                if !near.is_within_range() {
+                    return Err(refused(
+                        "so small, so large or so far away that 32 bits do not hold it (its sphere may have 1e-15 to 1e15 m)",
+                    ));
+                }
                 let distant = object
                     .distant
                     .get(part)
@@ -184,6 +201,14 @@ impl FieldTracer {
         self.top = Top::new(&spheres);
         (self.placed, self.kinds) = (placed, kinds);
         Ok(())
+    }
+
+    fn missing(&self, mesh: usize) -> Error {
+        Error::Parameter {
+            name: "a mesh without an object",
+            value: format!("{mesh} ('{}')", self.scene.meshes[mesh].name),
+            expected: "every mesh of a selected instance needs a field",
+        }
     }
 
     fn is_far(&self, sphere: &Sphere) -> bool {
@@ -237,7 +262,8 @@ impl<const ANY: bool, A: FnMut(f32)> Kernel for TraceOne<'_, ANY, A> {
     fn run<W: Lanes>(mut self) {
         let rays = std::slice::from_ref(self.ray);
         let answer = &mut |_, t| (self.answer)(t);
-        self.fields.trace::<ANY, f32, W>(rays, self.start, answer);
+        self.fields
+            .trace::<ANY, 1, f32, W>(rays, self.start, answer);
     }
 }
 
@@ -263,7 +289,7 @@ impl<const ANY: bool, A: FnMut(usize, f32)> Kernel for TraceAll<'_, ANY, A> {
             _ => {
                 let start = SurfaceId::UNKNOWN;
                 self.fields
-                    .trace::<ANY, W, W>(self.rays, start, &mut self.answer);
+                    .trace::<ANY, 8, W, W>(self.rays, start, &mut self.answer);
             }
         }
     }
@@ -280,15 +306,11 @@ fn kind(kinds: &mut Vec<Arc<Field>>, field: &Arc<Field>) -> u32 {
 }
 
 /// The scale of a transform that keeps angles, or what else it does.
-fn uniform_scale(transform: &Affine3A) -> Result<f32, &'static str> {
-    let matrix = glam::DMat3::from_cols(
-        Vec3::from(transform.matrix3.x_axis).as_dvec3(),
-        Vec3::from(transform.matrix3.y_axis).as_dvec3(),
-        Vec3::from(transform.matrix3.z_axis).as_dvec3(),
-    );
+fn uniform_scale(transform: &Affine3A) -> Result<f64, &'static str> {
+    let matrix = in_64_bits(transform).matrix3;
     let scale = matrix.determinant().abs().cbrt();
-    if !transform.is_finite() || !(1e-15..=1e15).contains(&scale) {
-        return Err("flattened, or scaled out of range");
+    if !transform.is_finite() || scale == 0.0 {
+        return Err("flattened, or not finite");
     }
     let square = matrix.transpose() * matrix * (1.0 / (scale * scale));
     let [x, y, z] = [square.x_axis, square.y_axis, square.z_axis];
@@ -297,7 +319,7 @@ fn uniform_scale(transform: &Affine3A) -> Result<f32, &'static str> {
     if uneven.into_iter().chain(sheared).any(|off| off > 2e-3) {
         return Err("sheared, or scaled by different amounts along its axes");
     }
-    Ok(scale as f32)
+    Ok(scale)
 }
 
 fn hit(t: f32) -> Hit {
@@ -313,7 +335,8 @@ impl Tracer for FieldTracer {
         Answers::Distance
     }
 
-    /// A quarter of the coarsest [`Field::tolerance`] of the spheres that hold the point: what is about right for most.
+    /// A quarter of the coarsest [`Field::tolerance`] of the spheres that hold the point: no bound, but what suits most
+    /// rays as a lift of their origins. Lifted by all of it, points of a floor would look under what stands on it.
     fn tolerance(&self, point: Vec3) -> f32 {
         let mut tolerance = 0.0_f32;
         self.top.near(point, 0.0, |index, _| {

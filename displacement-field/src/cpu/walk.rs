@@ -34,20 +34,20 @@ struct Traveller {
 }
 
 impl Fields<'_> {
-    /// Calls with the number of each ray and where it hits, infinite where it does not. `L` rays travel together; `W` are
-    /// the lanes that boxes are tested by. `start` is of all rays.
+    /// Calls with the number of each ray and where it hits, infinite where it does not. `L` rays, no more than `N`, travel
+    /// together; `W` are the lanes that boxes are tested by. `start` is of all rays.
     #[inline(always)]
-    pub(crate) fn trace<const ANY: bool, L: Lanes, W: Lanes>(
+    pub(crate) fn trace<const ANY: bool, const N: usize, L: Lanes, W: Lanes>(
         &self,
         rays: &[Ray],
         start: SurfaceId,
         answer: &mut impl FnMut(usize, f32),
     ) {
         let mut next = 0;
-        let mut travellers: [Traveller; 8] = Default::default();
+        let mut travellers = [Traveller::default(); N];
         loop {
             // A lane without a ray asks what the answer is not used of.
-            let (mut at, mut ray, mut end) = ([0_usize; 8], [0_usize; 8], [0.0; 8]);
+            let (mut at, mut ray, mut end) = ([0_usize; N], [0_usize; N], [0.0; N]);
             let mut busy = false;
             for lane in 0..L::COUNT {
                 let traveller = &mut travellers[lane];

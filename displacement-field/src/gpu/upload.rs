@@ -28,14 +28,7 @@ pub(super) struct Fields(Vec<Arc<Field>>);
 impl Fields {
     /// All fields of a tracer's objects; and the words.
     pub(super) fn new(tracer: &FieldTracer) -> Result<(Self, Vec<Words>)> {
-        let mut fields: Vec<Arc<Field>> = Vec::new();
-        for object in tracer.objects() {
-            for field in object.parts.iter().chain(&object.distant) {
-                if !fields.iter().any(|known| Arc::ptr_eq(known, field)) {
-                    fields.push(field.clone());
-                }
-            }
-        }
+        let fields = tracer.distinct();
         let mut words = vec![[0; 4]; 2 * fields.len()];
         let mut points: Vec<(Positions, usize)> = Vec::new();
         for (number, field) in fields.iter().enumerate() {
