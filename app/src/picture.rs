@@ -64,7 +64,7 @@ pub(crate) struct PictureArgs {
     normals: NormalsChoice,
     /// Surfaces that a light path of 'path' may meet
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    path_bounces: u32,
+    pub(crate) path_bounces: u32,
     /// Width and height of the picture [pixels]
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = values::size)]
     pub(crate) size: Size,
@@ -271,6 +271,9 @@ impl PictureArgs {
         }
         for (name, value) in self.chosen().header(order) {
             stored.insert(name.into(), value);
+        }
+        if let Some(bounces) = self.chosen().path_bounces() {
+            stored.insert("path-bounces".into(), bounces.to_string());
         }
     }
 }

@@ -77,6 +77,11 @@ pub(crate) trait Technique {
         None
     }
 
+    /// How many surfaces its light paths meet, where a flag does not say it.
+    fn path_bounces(&self) -> Option<u32> {
+        None
+    }
+
     /// Settings that stand in headers as they are here, whatever the command line says.
     fn header(&self, order: &Order<'_>) -> Vec<(&'static str, String)> {
         let _ = order;

@@ -4,16 +4,19 @@
 //! 2. The panel, the keys and the mouse change flags: the camera, moved lights and the time are flags too. [`panel`],
 //!    [`parameters`], [`moves`], [`input`], [`camera`]
 //! 3. A thread renders what the flags say, small at first, and refines the right answer to compare it with. [`worker`],
-//!    [`studio`], [`truth`]
+//!    [`studio`], [`truth`], [`pace`], [`gate`]; shaders can be changed under its hands. [`shaders`]
 //! 4. The window shows the picture, the right answer, both, or where they differ, and saves them. [`shown`], [`save`]
 
 mod camera;
 mod flags;
+mod gate;
 mod input;
 mod moves;
+mod pace;
 mod panel;
 mod parameters;
 mod save;
+mod shaders;
 mod shown;
 mod studio;
 mod truth;
@@ -64,6 +67,10 @@ pub(crate) struct ViewArgs {
     /// The folder that pictures are saved in
     #[arg(short, long, value_name = "FOLDER", default_value = ".")]
     output: PathBuf,
+    /// Take shaders from this checkout of Isophote, and again whenever one of them is changed; the old ones stay in use
+    /// where the new ones cannot be
+    #[arg(long, value_name = "FOLDER")]
+    shaders: Option<PathBuf>,
 }
 
 /// The width of the panel, in points.
@@ -96,9 +103,9 @@ pub(crate) fn view(args: &ViewArgs, given: &ArgMatches) -> Result<()> {
         dithering: false,
         ..Default::default()
     };
-    let folder = args.output.clone();
+    let (folder, checkout) = (args.output.clone(), args.shaders.clone());
     let create = |creation: &eframe::CreationContext<'_>| {
-        let viewer = Viewer::new(flags, folder, &creation.egui_ctx)?;
+        let viewer = Viewer::new(flags, folder, checkout, &creation.egui_ctx)?;
         Ok(Box::new(viewer) as Box<dyn eframe::App>)
     };
     eframe::run_native("isophote", options, Box::new(create))
@@ -113,10 +120,14 @@ struct Viewer {
     /// The last that could be.
     wish: Option<Arc<Wish>>,
     idle: Vec<Idle>,
-    /// Why there is no picture of the flags.
+    /// Why there can be no picture of the flags.
     error: Option<String>,
+    /// Why there is none all the same.
+    failed: Option<String>,
     /// Why the last change of a flag was not taken.
     refused: Option<String>,
+    /// Why new shaders are not in use.
+    shaders: Option<String>,
     drafts: Drafts,
     worker: Worker,
     shown: Shown,
@@ -138,9 +149,14 @@ struct Viewer {
 }
 
 impl Viewer {
-    fn new(flags: Flags, folder: PathBuf, context: &Context) -> Result<Self> {
+    fn new(
+        flags: Flags,
+        folder: PathBuf,
+        checkout: Option<PathBuf>,
+        context: &Context,
+    ) -> Result<Self> {
         let wake = context.clone();
-        let worker = Worker::start(move || wake.request_repaint())?;
+        let worker = Worker::start(checkout, move || wake.request_repaint())?;
         let (saver, messages) = Saver::new(folder, context.clone());
         let mut shown = Shown::new();
         let exposure = flags.one("exposure").and_then(|text| text.parse().ok());
@@ -151,7 +167,9 @@ impl Viewer {
             wish: None,
             idle: Vec::new(),
             error: None,
+            failed: None,
             refused: None,
+            shaders: None,
             drafts: Drafts::new(),
             worker,
             shown,
@@ -173,11 +191,15 @@ impl Viewer {
         for news in self.worker.news.try_iter() {
             match news {
                 News::Picture(picture) => {
-                    self.error = None;
+                    self.failed = None;
                     self.shown.picture = Some(picture);
                 }
                 News::Truth(truth) => self.shown.truth = Some(truth),
-                News::Failed(error) => self.error = Some(error),
+                News::Failed(error) => self.failed = Some(error),
+                News::Shaders(error) => {
+                    let kept = |error| format!("the old shaders are in use: {error}");
+                    self.shaders = error.map(kept);
+                }
             }
         }
         if let Some(message) = self.messages.try_iter().last() {
@@ -196,7 +218,7 @@ impl Viewer {
             self.idle = self.flags.idle().unwrap_or_default();
             match self.flags.wish() {
                 Ok(wish) => {
-                    self.error = None;
+                    (self.error, self.failed) = (None, None);
                     self.wish = Some(Arc::new(wish));
                 }
                 Err(error) => self.error = Some(crate::whole(&error)),
@@ -221,7 +243,7 @@ impl Viewer {
             let picture = self.shown.picture.as_ref();
             picture.is_some_and(|picture| picture.is_whole && Arc::ptr_eq(&picture.wish, wish))
         };
-        self.error.is_none() && self.wish.as_ref().is_some_and(of_now)
+        self.error.is_none() && self.failed.is_none() && self.wish.as_ref().is_some_and(of_now)
     }
 
     fn picture(&mut self, ui: &mut Ui) {
@@ -242,8 +264,10 @@ impl Viewer {
         let args = self.wish.as_ref().map(|wish| (&wish.args, wish.choice));
         let Some((args, choice)) = args else { return };
         let scene = args.scene.as_deref().unwrap_or_default();
-        let state = match (&self.error, self.is_whole()) {
+        let error = self.error.as_ref().or(self.failed.as_ref());
+        let state = match (error, self.is_whole()) {
             (Some(_), _) => "refused",
+            (None, true) if self.shaders.is_some() => "finished with old shaders",
             (None, true) => "finished",
             (None, false) => "working",
         };

@@ -358,6 +358,84 @@ fn a_scene_is_looked_at_from_all_sides() {
     window.close();
 }
 
+/// The shaders of this checkout, copied to where they can be changed.
+fn copy_shaders(to: &Path) {
+    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let mut folders: Vec<PathBuf> = ["scene", "filters", "ldi", "instant-gi"]
+        .map(|of| Path::new(of).join("shaders"))
+        .into();
+    while let Some(folder) = folders.pop() {
+        fs::create_dir_all(to.join(&folder)).unwrap();
+        for entry in fs::read_dir(workspace.join(&folder)).unwrap() {
+            let path = folder.join(entry.unwrap().file_name());
+            if workspace.join(&path).is_dir() {
+                folders.push(path);
+            } else {
+                fs::copy(workspace.join(&path), to.join(&path)).unwrap();
+            }
+        }
+    }
+}
+
+#[test]
+fn shaders_change_under_its_hands_and_old_ones_stay_where_new_ones_fail() {
+    let Some(screen) = Screen::open() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    copy_shaders(at);
+    let file = at.join("scene/shaders/reference/occlusion.wesl");
+    let good = fs::read_to_string(&file).unwrap();
+    let what = [
+        "--quantity",
+        "ao",
+        "--d-max",
+        "1",
+        "--spp",
+        "4",
+        "--size",
+        "120x90",
+    ];
+    let how = [
+        "view",
+        "builtin:cornell",
+        "--device",
+        "gpu",
+        "--shaders",
+        ".",
+    ];
+    let mut window = Window::open(&screen, at, &[&how[..], &what].concat());
+    window.wait_for_title("finished, picture");
+    let before = window.picture();
+    assert!(before.attributes["device"].starts_with("gpu"));
+    let ao = before.rgb("").unwrap();
+
+    fs::write(
+        &file,
+        good.replace("var rays = 0u;", "var rays: u32 = 1.5f;"),
+    )
+    .unwrap();
+    window.wait_for_title("finished with old shaders, picture");
+    assert_eq!(window.picture().rgb("").unwrap(), ao);
+
+    let half = good.replace("select(1.0, 0.0, any_hit", "select(0.5, 0.0, any_hit");
+    assert_ne!(half, good);
+    fs::write(&file, half).unwrap();
+    window.wait_for_title("finished, picture");
+    // What sees no surface is 1 all the same.
+    let halved = window.picture();
+    let (values, depth) = (halved.rgb("").unwrap(), halved.channel("depth.Z").unwrap());
+    for ((value, ao), depth) in values.iter().zip(&ao).zip(depth) {
+        if depth.is_finite() && ao.x < 1.0 {
+            assert!(
+                (value.x - 0.5 * ao.x).abs() < 0.26,
+                "{value}, not half of {ao}"
+            );
+        }
+    }
+    assert!(mean(&values) < 0.9 * mean(&ao));
+    window.close();
+}
+
 #[test]
 fn without_a_screen_it_says_so() {
     let folder = tempfile::tempdir().unwrap();

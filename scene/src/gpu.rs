@@ -61,7 +61,7 @@ pub use self::{
     context::{Adapter, AdapterChoice, Context, adapters},
     gbuffer::{GBuffer, GBufferPass, GBufferViews},
     rasters::Rasters,
-    shader::{Linker, SHADERS, Shader, ShaderPackage},
+    shader::{Linker, SHADERS, Shader, ShaderPackage, replace_modules},
     shadow_map::{ShadowMaps, ShadowOptions},
     timer::{PassTime, Timer},
     tracer::{

@@ -229,11 +229,12 @@ impl Technique for IgiTechnique {
         )
     }
 
+    fn path_bounces(&self) -> Option<u32> {
+        Some(self.igi_bounces + 1)
+    }
+
     fn header(&self, order: &Order<'_>) -> Vec<(&'static str, String)> {
-        vec![
-            ("min-d", order.min_d.unwrap_or(MIN_D).to_string()),
-            ("path-bounces", (self.igi_bounces + 1).to_string()),
-        ]
+        vec![("min-d", order.min_d.unwrap_or(MIN_D).to_string())]
     }
 
     fn costs(&self) -> [u64; 2] {

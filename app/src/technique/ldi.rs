@@ -139,8 +139,8 @@ impl Technique for LdiTechnique {
         Some(AnyTracer::Ldi)
     }
 
-    fn header(&self, _: &Order<'_>) -> Vec<(&'static str, String)> {
-        vec![("path-bounces", BOUNCES.to_string())]
+    fn path_bounces(&self) -> Option<u32> {
+        Some(BOUNCES)
     }
 
     fn costs(&self) -> [u64; 2] {

@@ -3,7 +3,7 @@
 //! The command line's own definition is the only list of what there is: the panel is drawn from it, every change goes
 //! through its parsers, and what a header stores can be rendered again by `isophote render --settings`.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Arc};
 
 use anyhow::{Result, anyhow};
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches, parser::ValueSource};
@@ -22,7 +22,7 @@ pub(super) type Values = BTreeMap<String, Vec<String>>;
 /// The flags that differ from their defaults.
 #[derive(Clone)]
 pub(super) struct Flags {
-    command: Command,
+    command: Arc<Command>,
     values: Values,
 }
 
@@ -54,7 +54,10 @@ impl Flags {
             quantities.truncate(1);
         }
         values.remove("settings");
-        Self { command, values }
+        Self {
+            command: Arc::new(command),
+            values,
+        }
     }
 
     pub(super) fn arguments(&self) -> impl Iterator<Item = &Arg> {
@@ -159,7 +162,7 @@ impl Flags {
                 }
             }
         }
-        let parsed = self.command.clone().try_get_matches_from(texts);
+        let parsed = Command::clone(&self.command).try_get_matches_from(texts);
         parsed.map_err(|error| anyhow!("{}", told(&error)))
     }
 }
@@ -208,13 +211,21 @@ impl Wish {
             "d_max",
             "materials",
             "normals",
-            "path_bounces",
         ];
         let scene = ids::<SceneArgs>().into_iter();
         let mut values = self.only(scene.chain(others.map(String::from)));
         let exact = format!("{:?}", self.choice.exact());
         values.insert("choice".into(), vec![exact]);
+        values.insert("bounces".into(), vec![self.path_bounces().to_string()]);
         values
+    }
+
+    /// How many surfaces paths of light meet: as many as those of the technique, so that like is compared with like.
+    pub(super) fn path_bounces(&self) -> u32 {
+        self.args
+            .chosen()
+            .path_bounces()
+            .unwrap_or(self.args.path_bounces)
     }
 
     fn only(&self, ids: impl IntoIterator<Item = String>) -> Values {

@@ -161,7 +161,10 @@ impl Viewer {
             let bar = ProgressBar::new(status.share).desired_height(14.0);
             ui.add(bar.text(status.doing));
         }
-        for error in self.error.iter().chain(&self.refused) {
+        for error in [&self.error, &self.failed, &self.refused, &self.shaders]
+            .into_iter()
+            .flatten()
+        {
             ui.label(RichText::new(error).color(Color32::LIGHT_RED));
         }
         if let Some(picture) = &self.shown.picture {
@@ -184,11 +187,13 @@ impl Viewer {
         if let Some(truth) = &self.shown.truth
             && self.shown.needs_truth()
         {
+            let noise = match truth.noise.is_finite() {
+                true => format!("noise {:.2} %", 100.0 * truth.noise),
+                false => "noise unknown".into(),
+            };
+            let (samples, seconds) = (truth.samples, truth.seconds);
             ui.label(format!(
-                "reference: {} samples, noise {:.2} %, {:.1} s",
-                truth.samples,
-                100.0 * truth.noise,
-                truth.seconds
+                "reference: {samples} samples, {noise}, {seconds:.1} s"
             ));
         }
         if self.shown.look != Look::Picture

@@ -170,6 +170,7 @@ impl Studio {
         (settings.samples, settings.seed) = (step.samples, step.seed);
         // Only methods with virtual lights leave something out.
         settings.min_d = 0.0;
+        settings.path_bounces = wish.path_bounces();
         let mut order = wish.args.order(&shot, &settings);
         order.size = step.size;
         let (made, seconds) = timed(|| ground.render(&shot.scene, order, progress));
@@ -203,5 +204,10 @@ impl Studio {
         self.grounds.push(kept);
         let (_, ground) = self.grounds.last().context("there is no tracer")?;
         Ok((ground, seconds))
+    }
+
+    /// Forgets what was built with other shaders.
+    pub(super) fn forget_tracers(&mut self) {
+        self.grounds.clear();
     }
 }

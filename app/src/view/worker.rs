@@ -4,8 +4,8 @@
 //! when something else is asked for.
 
 use std::{
-    any::Any,
-    panic::{AssertUnwindSafe, catch_unwind, resume_unwind},
+    collections::BTreeMap,
+    path::PathBuf,
     sync::{
         Arc, Condvar, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, AtomicU64, Ordering},
@@ -15,11 +15,14 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, Result, anyhow};
-use isophote_scene::reference::Progress;
+use anyhow::{Context, Result};
+use isophote_scene::gpu::replace_modules;
 
 use super::{
     flags::Wish,
+    gate::{Gate, stoppable},
+    pace::Pace,
+    shaders::Shaders,
     studio::{Picture, Step, Studio},
     truth::{Sums, Truth},
 };
@@ -31,6 +34,8 @@ pub(super) enum News {
     Truth(Arc<Truth>),
     /// Why there is no picture.
     Failed(String),
+    /// Why the old shaders are still in use; nothing where the new ones are.
+    Shaders(Option<String>),
 }
 
 /// What the window wants to see.
@@ -61,35 +66,33 @@ pub(super) struct Worker {
     thread: Option<JoinHandle<()>>,
 }
 
-struct Shared {
+#[derive(Default)]
+pub(super) struct Shared {
     /// And how many pictures were wanted so far.
     wanted: Mutex<(Wanted, u64)>,
     changed: Condvar,
     /// The same number, for those that cannot wait.
-    number: AtomicU64,
-    truth_is_wanted: AtomicBool,
-    quits: AtomicBool,
+    pub(super) number: AtomicU64,
+    pub(super) truth_is_wanted: AtomicBool,
+    pub(super) quits: AtomicBool,
     doing: Mutex<String>,
-    done: AtomicU64,
-    total: AtomicU64,
+    pub(super) done: AtomicU64,
+    pub(super) total: AtomicU64,
 }
 
+/// How often shaders are looked at, and how long the thread sleeps at most where there are none to look at.
+pub(super) const LOOK: Duration = Duration::from_millis(400);
+const REST: Duration = Duration::from_secs(3600);
 /// How long closing the window waits for the thread.
 const PATIENCE: Duration = Duration::from_secs(3);
 
 impl Worker {
-    /// Starts the thread; `wake` is called when there is news.
-    pub(super) fn start(wake: impl Fn() + Send + 'static) -> Result<Self> {
-        let shared = Arc::new(Shared {
-            wanted: Mutex::default(),
-            changed: Condvar::new(),
-            number: AtomicU64::new(0),
-            truth_is_wanted: AtomicBool::new(false),
-            quits: AtomicBool::new(false),
-            doing: Mutex::default(),
-            done: AtomicU64::new(0),
-            total: AtomicU64::new(0),
-        });
+    /// Starts the thread; `wake` is called when there is news, and shaders are taken from a checkout where there is one.
+    pub(super) fn start(
+        checkout: Option<PathBuf>,
+        wake: impl Fn() + Send + 'static,
+    ) -> Result<Self> {
+        let shared = Arc::new(Shared::default());
         let (sender, news) = channel();
         let hand = Hand {
             shared: shared.clone(),
@@ -101,6 +104,8 @@ impl Worker {
             pace: Pace::default(),
             truth: None,
             truth_pace: Pace::default(),
+            shaders: checkout.map(Shaders::new),
+            trusted: None,
         };
         let thread = Builder::new().name("render".into()).spawn(|| hand.work());
         Ok(Self {
@@ -142,7 +147,8 @@ impl Worker {
 impl Drop for Worker {
     fn drop(&mut self) {
         self.shared.quits.store(true, Ordering::Relaxed);
-        self.shared.number.fetch_add(1, Ordering::Relaxed);
+        // The thread has either seen it or waits already.
+        drop(lock(&self.shared.wanted));
         self.shared.changed.notify_all();
         let Some(thread) = self.thread.take() else {
             return;
@@ -163,58 +169,6 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// How much smaller a picture must be so that it comes at once, found by trying.
-struct Pace {
-    /// What it is the pace of.
-    of: String,
-    divisor: u32,
-    /// That a whole picture took last.
-    whole_seconds: Option<f64>,
-}
-
-impl Default for Pace {
-    fn default() -> Self {
-        Self {
-            of: String::new(),
-            divisor: 4,
-            whole_seconds: None,
-        }
-    }
-}
-
-impl Pace {
-    /// Seconds within which something must be seen.
-    const SOON: f64 = 0.15;
-
-    fn start(&mut self, of: String) {
-        if self.of != of {
-            *self = Self {
-                of,
-                ..Self::default()
-            };
-        }
-    }
-
-    fn took(&mut self, seconds: f64) {
-        if seconds > Self::SOON {
-            self.divisor = (self.divisor + 1).min(12);
-        } else if seconds < 0.3 * Self::SOON {
-            self.divisor = (self.divisor - 1).max(1);
-        }
-    }
-
-    fn needs_preview(&self) -> bool {
-        self.divisor > 1
-            && self
-                .whole_seconds
-                .is_none_or(|seconds| seconds > Self::SOON)
-    }
-
-    fn size(&self, size: [u32; 2]) -> [u32; 2] {
-        size.map(|side| side.div_ceil(self.divisor).max(1))
-    }
-}
-
 /// The thread's end of it.
 struct Hand {
     shared: Arc<Shared>,
@@ -228,6 +182,9 @@ struct Hand {
     pace: Pace,
     truth: Option<Sums>,
     truth_pace: Pace,
+    shaders: Option<Shaders>,
+    /// The shaders before those that are being tried.
+    trusted: Option<BTreeMap<String, String>>,
 }
 
 impl Hand {
@@ -240,31 +197,69 @@ impl Hand {
                 self.refine(wish, wanted.is_moving, number)
             };
             if let Err(error) = outcome {
-                // Not again before something changes.
-                self.pictured = Some(number);
-                self.refused = Some(number);
-                self.tell(News::Failed(whole(&error)));
+                self.fail(number, &whole(&error));
             }
+        }
+    }
+
+    /// Tells why there is no picture. Where shaders are on trial they may be why, and the old ones are asked again.
+    fn fail(&mut self, number: u64, why: &str) {
+        if let Some(trusted) = self.trusted.take() {
+            replace_modules(trusted);
+            self.studio.forget_tracers();
+            self.tell(News::Shaders(Some(why.to_owned())));
+            return;
+        }
+        // Not again before something changes.
+        (self.pictured, self.refused) = (Some(number), Some(number));
+        self.tell(News::Failed(why.to_owned()));
+    }
+
+    /// What was on trial is there to stay.
+    fn trust(&mut self) {
+        if self.trusted.take().is_some() {
+            self.tell(News::Shaders(None));
         }
     }
 
     /// Makes the picture that is wanted.
     fn see_to(&mut self, wish: &Arc<Wish>, wanted: &Wanted, number: u64) -> Result<()> {
-        if self.make_picture(wish, wanted.is_moving, number)? {
-            self.pictured = Some(number);
-            // What moves is soon wanted elsewhere, and what is compared moves together.
-            if wanted.is_moving && wanted.truth {
-                self.refine(wish, true, number)?;
-            }
+        if !self.make_picture(wish, wanted.is_moving, number)? {
+            // Something else is wanted.
+            return Ok(());
+        }
+        self.pictured = Some(number);
+        self.trust();
+        // What moves is soon wanted elsewhere, and what is compared moves together.
+        if wanted.is_moving && wanted.truth {
+            self.refine(wish, true, number)?;
         }
         Ok(())
+    }
+
+    /// Takes shaders that were changed, on trial.
+    fn look_for_shaders(&mut self) {
+        let Some(texts) = self.shaders.as_mut().and_then(Shaders::changed) else {
+            return;
+        };
+        match texts {
+            Ok(texts) => {
+                let old = replace_modules(texts);
+                // Of several on trial, none is trusted.
+                self.trusted.get_or_insert(old);
+                self.studio.forget_tracers();
+                (self.pictured, self.truth, self.refused) = (None, None, None);
+            }
+            Err(error) => self.tell(News::Shaders(Some(whole(&error)))),
+        }
     }
 
     /// Waits for something to do.
     fn next(&mut self) -> Option<(Wanted, u64)> {
         let shared = self.shared.clone();
-        let mut guard = lock(&shared.wanted);
         loop {
+            self.look_for_shaders();
+            let guard = lock(&shared.wanted);
             if shared.quits.load(Ordering::Relaxed) {
                 return None;
             }
@@ -282,8 +277,12 @@ impl Hand {
                 lock(&shared.doing).clear();
                 (self.wake)();
             }
-            let waited = shared.changed.wait(guard);
-            guard = waited.unwrap_or_else(PoisonError::into_inner);
+            let patience = match self.shaders {
+                Some(_) => LOOK,
+                None => REST,
+            };
+            let waited = shared.changed.wait_timeout(guard, patience);
+            drop(waited.unwrap_or_else(PoisonError::into_inner));
         }
     }
 
@@ -388,6 +387,7 @@ impl Hand {
             self.truth_pace.took(seconds);
         }
         self.tell(News::Truth(Arc::new(truth)));
+        self.trust();
         Ok(())
     }
 
@@ -401,60 +401,4 @@ impl Hand {
 fn say(shared: &Shared, what: &str) {
     *lock(&shared.doing) = what.to_owned();
     shared.done.store(0, Ordering::Relaxed);
-}
-
-/// Thrown through a renderer when something else is wanted.
-struct Stopped;
-
-/// Hears how far a renderer is, and stops it when something else is wanted: the next part of the work unwinds, as
-/// renderers have no other way to end early.
-struct Gate<'a> {
-    shared: &'a Shared,
-    /// The only number that may be wanted; whatever is wanted where there is none.
-    number: Option<u64>,
-    is_of_truth: bool,
-}
-
-impl<'a> Gate<'a> {
-    fn new(shared: &'a Shared, number: Option<u64>, is_of_truth: bool) -> Self {
-        Self {
-            shared,
-            number,
-            is_of_truth,
-        }
-    }
-
-    fn is_shut(&self) -> bool {
-        let other = |number| self.shared.number.load(Ordering::Relaxed) != number;
-        self.shared.quits.load(Ordering::Relaxed)
-            || self.number.is_some_and(other)
-            || self.is_of_truth && !self.shared.truth_is_wanted.load(Ordering::Relaxed)
-    }
-}
-
-impl Progress for Gate<'_> {
-    fn advance(&self, done: u64, total: u64) {
-        self.shared.done.fetch_max(done, Ordering::Relaxed);
-        self.shared.total.store(total, Ordering::Relaxed);
-        if self.is_shut() {
-            // Unlike a panic it says nothing.
-            resume_unwind(Box::new(Stopped));
-        }
-    }
-}
-
-/// The result, or none where the work was stopped.
-fn stoppable<T>(work: impl FnOnce() -> Result<T>) -> Result<Option<T>> {
-    match catch_unwind(AssertUnwindSafe(work)) {
-        Ok(result) => result.map(Some),
-        Err(payload) if payload.is::<Stopped>() => Ok(None),
-        Err(payload) => Err(anyhow!("this is a bug: {}", said(&*payload))),
-    }
-}
-
-/// What a panic said.
-fn said(payload: &(dyn Any + Send)) -> &str {
-    let text = payload.downcast_ref::<&str>().copied();
-    text.or(payload.downcast_ref::<String>().map(String::as_str))
-        .unwrap_or("the renderer stopped")
 }

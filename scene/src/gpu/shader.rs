@@ -9,6 +9,7 @@
 //! Names are only found through `import` statements at the top of a module, before directives like `enable`.
 
 mod locate;
+mod replaced;
 
 use std::{borrow::Cow, sync::Arc};
 
@@ -18,6 +19,7 @@ use wesl::{
     syntax::{PathOrigin, TranslationUnit},
 };
 
+pub use self::replaced::replace_modules;
 use super::{Context, GpuScene, GpuTracer};
 use crate::{Error, Result, shader_package};
 
@@ -199,7 +201,9 @@ impl Linker {
         let package = self.packages.iter().find(|one| one.name == package)?;
         let (_, text) = package.modules.iter().find(|(own, _)| *own == name)?;
         let folder = package.name.replace('_', "-");
-        Some((format!("{folder}/shaders/{name}.wesl"), text))
+        let file = format!("{folder}/shaders/{name}.wesl");
+        let text = replaced::text(&file).unwrap_or(text);
+        Some((file, text))
     }
 
     /// Where the modules of the second tracer are.
