@@ -30,7 +30,9 @@ Ctrl Q: close";
 
 impl Viewer {
     pub(super) fn panel(&mut self, ui: &mut Ui) {
-        ScrollArea::vertical().show(ui, |ui| {
+        // What is wider than the panel must not push it into the picture.
+        let area = ScrollArea::both().auto_shrink(false);
+        area.show(ui, |ui| {
             ui.add_space(4.0);
             self.choices(ui);
             ui.separator();
