@@ -87,11 +87,13 @@ impl Directions {
         (cells, weights)
     }
 
-    /// The unit direction of a map's cell; `None` where the mapping has none.
+    /// A unit direction in a map's cell, that of its middle if there is one; `None` where the mapping has none.
     pub(crate) fn of_cell(self, cell: usize, resolution: u32) -> Option<Vec3> {
-        let resolution = resolution as usize;
-        let corner = Vec2::new((cell % resolution) as f32, (cell / resolution) as f32);
-        self.direction((corner + 0.5) / resolution as f32)
+        let side = resolution as usize;
+        let corner = Vec2::new((cell % side) as f32, (cell / side) as f32);
+        let middle = (corner + 0.5) / resolution as f32;
+        self.direction(middle)
+            .or_else(|| at_rim(2.0 * middle - 1.0, 1.0 / resolution as f32))
     }
 
     /// The cell of a map that a unit direction with z ≥ 0 lies in.
@@ -99,6 +101,23 @@ impl Directions {
         let place = self.place(direction);
         cell_at(place.x, place.y, resolution as f32) as u32
     }
+}
+
+/// The direction of a square whose middle is off the unit disk, by half its side: halfway from its innermost corner to the
+/// rim; `None` where it does not reach the disk.
+fn at_rim(middle: Vec2, half: f32) -> Option<Vec3> {
+    let inner = (middle.abs() - half).max(Vec2::ZERO) * middle.signum();
+    let way = middle - inner;
+    // Where inner + t way lies on the rim.
+    let (a, b, c) = (
+        way.length_squared(),
+        inner.dot(way),
+        inner.length_squared() - 1.0,
+    );
+    let t = ((b * b - a * c).max(0.0).sqrt() - b) / a;
+    let place = inner + 0.5 * t * way;
+    let height = 1.0 - place.length_squared();
+    (c < 0.0).then(|| place.extend(height.max(0.0).sqrt()))
 }
 
 /// The cell that a place lies in.
@@ -148,4 +167,31 @@ pub(crate) fn reach(directions: Directions, resolution: u32) -> f32 {
         Directions::Concentric => 2.0 * FRAC_PI_4 + 0.6,
     };
     (0.75 * step / resolution as f32).min(PI)
+}
+
+#[cfg(test)]
+mod tests {
+    use isophote_scene::sample::{Sampler, uniform_sphere};
+
+    use super::*;
+
+    #[test]
+    fn the_cell_of_a_direction_has_one() {
+        for directions in Directions::ALL {
+            for resolution in [1, 2, 5, 16, 32, 33] {
+                for index in 0..4000 {
+                    let mut direction = uniform_sphere(Sampler::new(0, 0, index).get_2d(0));
+                    direction.z = direction.z.abs();
+                    if direction.z < 0.02 {
+                        continue;
+                    }
+                    let cell = directions.cell(direction, resolution);
+                    let own = directions.of_cell(cell as usize, resolution);
+                    let own = own.expect("a direction");
+                    assert!((own.length() - 1.0).abs() < 1e-5 && own.z >= 0.0);
+                    assert_eq!(directions.cell(own, resolution), cell, "{directions:?}");
+                }
+            }
+        }
+    }
 }

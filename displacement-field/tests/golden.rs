@@ -85,7 +85,7 @@ fn measure() -> Metrics {
             ..FieldParams::default()
         };
         let field = support::field(&torus, &params);
-        let share = field.coded_bytes().unwrap() as f64 / field.bytes() as f64;
+        let share = field.coded_bytes() as f64 / field.bytes() as f64;
         metrics.insert(format!("{name}: coded share"), share);
         for look_up in LookUp::ALL {
             let object = Object::new(field.clone());

@@ -185,7 +185,7 @@ impl Corner {
     ) -> Vec<f64> {
         let (field, build_seconds) = self.field(&case.params);
         let bytes = field.bytes();
-        let coded = memory.then(|| field.coded_bytes().expect("bytes"));
+        let coded = memory.then(|| field.coded_bytes());
         let tracer = self.tracer(Object::new(field), case.look_up);
         let (mut report, ao) = self.report(&tracer, case.params.directions);
         if let Some((_, of_floats)) = whole.iter().find(|known| known.0.is_but_stored_as(case)) {

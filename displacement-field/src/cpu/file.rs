@@ -53,7 +53,7 @@ impl Field {
     /// # Errors
     /// [`Error::Scene`] when the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<u64> {
-        let coded = self.coded()?;
+        let coded = self.coded();
         let header = self.header(coded.len() as u64);
         Ok(FORMAT.write(path, &header, &[&coded])?)
     }
@@ -77,11 +77,8 @@ impl Field {
     }
 
     /// Bytes of the samples when coded, as a file has them.
-    ///
-    /// # Errors
-    /// [`Error::Scene`] as the library that codes says.
-    pub fn coded_bytes(&self) -> Result<usize> {
-        Ok(self.coded()?.len())
+    pub fn coded_bytes(&self) -> usize {
+        self.coded().len()
     }
 
     fn header(&self, coded: u64) -> Header {
@@ -104,12 +101,9 @@ impl Field {
     }
 
     /// The samples, predicted and deflated.
-    fn coded(&self) -> Result<Vec<u8>> {
-        let coded = self.deflated().map_err(|source| isophote_scene::Error::Io {
-            path: "memory".into(),
-            source,
-        });
-        Ok(coded?)
+    fn coded(&self) -> Vec<u8> {
+        // Only what is written to can fail.
+        self.deflated().expect("memory takes all that is written")
     }
 
     fn deflated(&self) -> std::io::Result<Vec<u8>> {
@@ -356,7 +350,7 @@ mod tests {
     #[test]
     fn headers_of_whole_files_are_checked() {
         let field = field(Storage::Byte);
-        let coded = field.coded().expect("bytes");
+        let coded = field.coded();
         let good = field.header(coded.len() as u64);
         let changes: [fn(&mut Header); 13] = [
             |header| header.positions = [3, 1, 0],
@@ -390,7 +384,7 @@ mod tests {
         let said_of_samples = |storage, samples: Samples| {
             let mut field = field(storage);
             field.samples = samples;
-            let coded = field.coded().expect("bytes");
+            let coded = field.coded();
             said_of(&field.header(coded.len() as u64), &coded)
         };
         let bits = |maps: usize, depth: f32| {
