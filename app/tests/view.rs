@@ -48,8 +48,11 @@ impl Screen {
                 return None;
             }
         }
+        // Without -noreset the server starts over whenever its last client leaves, as xdotool does after
+        // every word, and a window that is opening just then is cut off.
         let mut server = Command::new("Xvfb")
             .args([
+                "-noreset",
                 "-displayfd",
                 "1",
                 "-screen",
