@@ -5,19 +5,21 @@
 //! cargo bench -p isophote-ldm-ambient --features gpu --bench gpu -- SCENE [--size WxH] [--case MAPS:RESOLUTION:D_MAX]...
 //! ```
 //!
-//! The shortest of three times each, seen points not counted for maps. `D_MAX` is in metres, or `inf`, without which both ways
-//! are the same.
+//! The shortest of three times each, seen points not counted for maps; of the passes of one more picture the device's own times,
+//! where it has a clock. `D_MAX` is in metres, or `inf`, without which both ways are the same.
 
-use std::{path::Path, sync::Arc, time::Instant};
+use std::{collections::BTreeMap, path::Path, sync::Arc, time::Instant};
+
+use glam::Vec2;
 
 use isophote_ldm_ambient::{
     MapParams, OcclusionParams,
-    gpu::{BuildMethod, Occlusion},
+    gpu::{BuildMethod, CameraPoints, Look, Occlusion, Points},
 };
 use isophote_scene::{
     Pass, Scene, Selection, builtin,
     gpu::{
-        Adapter, AdapterChoice, BuildGpuTracer, ComputeBvhTracer, Context, GpuScene,
+        Adapter, AdapterChoice, BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, Timer,
         reference::{Integrator, World},
     },
     load,
@@ -92,7 +94,7 @@ fn measure(context: &Context, world: World<'_>, size: [u32; 2], case: &str) -> V
         let selection = Selection::default();
         let occlusion = Occlusion::new(context, scene, &selection, &params, method, size);
         let mut occlusion = occlusion.expect("pipelines");
-        shortest(|| {
+        let seconds = shortest(|| {
             let (_, passes) = occlusion
                 .render(context, world, camera, 1, Normals::Smooth, &|_, _| {})
                 .expect("a picture");
@@ -100,9 +102,12 @@ fn measure(context: &Context, world: World<'_>, size: [u32; 2], case: &str) -> V
                 .iter()
                 .filter(|pass: &&Pass| pass.name == "occlusion");
             passes.map(|pass| pass.seconds).sum()
-        })
+        });
+        json!({ "seconds": seconds, "passes": passes(context, world, size, &mut occlusion) })
     };
     let [linearised, lists] = [BuildMethod::Linearised, BuildMethod::LinkedLists].map(of_method);
+    let seconds = |way: &Value| way["seconds"].as_f64().unwrap_or(f64::NAN);
+    let fastest = seconds(&linearised).min(seconds(&lists));
     let settings = Settings {
         samples: maps.maps,
         d_max: params.d_max,
@@ -119,7 +124,43 @@ fn measure(context: &Context, world: World<'_>, size: [u32; 2], case: &str) -> V
     json!({
         "maps": maps.maps, "resolution": maps.resolution, "size": size,
         "d_max": if params.d_max.is_finite() { json!(params.d_max) } else { Value::Null },
-        "linearised_seconds": linearised, "linked_lists_seconds": lists,
-        "compute_bvh_seconds": exact, "times": exact / linearised.min(lists),
+        "linearised": linearised, "linked_lists": lists,
+        "compute_bvh_seconds": exact, "times": exact / fastest,
     })
+}
+
+/// Seconds of the passes of a picture, by their names.
+fn passes(
+    context: &Context,
+    world: World<'_>,
+    size: [u32; 2],
+    occlusion: &mut Occlusion,
+) -> BTreeMap<String, f64> {
+    let finder = CameraPoints::new(context, world.gpu_scene, world.exact).expect("a pipeline");
+    let mut points = Points::new(context, size).expect("points");
+    let mut timer = Timer::new(context, 2048);
+    let look = Look {
+        camera: &world.scene.cameras[0],
+        place: Vec2::splat(0.5),
+        sample: 0,
+        normals: Normals::Smooth,
+    };
+    let mut encoder = context.device().create_command_encoder(&Default::default());
+    let scene = world.gpu_scene;
+    occlusion.begin(&mut encoder, scene);
+    let asked = (scene, world.exact);
+    finder
+        .record(context, &mut encoder, occlusion, asked, &look, &mut points)
+        .expect("points");
+    let clock = Some(&mut timer);
+    occlusion
+        .add(context, &mut encoder, scene, &points, [0, 1], clock)
+        .expect("maps");
+    timer.resolve(&mut encoder);
+    context.submit("occlusion", encoder).expect("a device");
+    let mut seconds = BTreeMap::new();
+    for pass in timer.read(context).expect("times") {
+        *seconds.entry(pass.name).or_default() += pass.time.as_secs_f64();
+    }
+    seconds
 }

@@ -5,7 +5,7 @@
 //! | 1. triangles | `cpu/triangles.rs` | `gpu/triangles.rs`, `shaders/place.wesl` |
 //! | 2. views | `cpu/view.rs` | the same |
 //! | 3. which pixels, how deep | `cpu/raster.rs` | `shaders/draw.wesl`, by the device's rasteriser |
-//! | 4. maps | `cpu/maps.rs` | `gpu/maps.rs`, `shaders/{scan,sort}.wesl` |
+//! | 4. maps | `cpu/{maps,reach}.rs` | `gpu/{maps,reach}.rs`, `shaders/{scan,sort,reach}.wesl` |
 //! | points | `cpu/points.rs` | `gpu/points.rs`, `shaders/points/*.wesl` |
 //! | 5., 6. tracing, occlusion | `cpu/{aim,occlusion}.rs` | `shaders/{aim,look_up,layers,resolve}.wesl` |
 //! | 7. to 9. photons | `cpu/photons.rs` | `gpu/photons.rs`, `shaders/photons/*.wesl` |
@@ -19,6 +19,7 @@
 mod maps;
 pub mod photons;
 mod points;
+mod reach;
 mod triangles;
 
 use bytemuck::{Pod, Zeroable};
@@ -40,7 +41,8 @@ pub use self::{
     points::{CameraPoints, GBufferPoints, Look, Points},
 };
 use self::{
-    maps::{Asked, Batch, Builder, Kept},
+    maps::{Asked, Batch, Builder, Kept, Series},
+    reach::Near,
     triangles::Triangles,
 };
 use crate::{
@@ -73,6 +75,7 @@ pub const SHADERS: ShaderPackage = shader_package!(
         "points/camera",
         "points/gbuffer",
         "points/store",
+        "reach",
         "resolve",
         "scan",
         "sort",
@@ -180,10 +183,15 @@ impl Occlusion {
         params.check()?;
         let directions = Directions::new(params.maps.maps);
         let turned = |frame| directions.turned(params.seed, frame).vectors().to_vec();
+        let resolution = params.maps.resolution;
         let kept = if params.d_max.is_finite() {
             Kept::Layers(method)
         } else {
             Kept::Extents
+        };
+        let builder = match kept {
+            Kept::Layers(method) => Builder::near(context, gpu_scene, method, resolution)?,
+            Kept::Extents => Builder::new(context, gpu_scene, kept, resolution)?,
         };
         let filler = Filler::new(context)?;
         let count = u64::from(size[0]) * u64::from(size[1]);
@@ -197,7 +205,7 @@ impl Occlusion {
             size,
             directions: (0..params.frames).flat_map(turned).collect(),
             triangles: Triangles::new(context, scene, gpu_scene, selection, &filler)?,
-            builder: Builder::new(context, gpu_scene, kept, params.maps.resolution)?,
+            builder,
             look_up: look_up.compute_pass(context, "look_up", &[], &[0])?,
             resolve: resolve.compute_pass(context, "resolve", &[], &[])?,
             sums: context.storage("sums of points", SUMS * count)?,
@@ -272,9 +280,14 @@ impl Occlusion {
             (5, self.status.as_entire_binding()),
         ];
         let group = self.look_up.bind(context, &resources)?;
+        let near = self.near(context, points, &series)?;
+        if let Some(near) = &near {
+            near.mark(encoder, timer.as_deref_mut());
+        }
         for batch in 0..series.len() {
-            let triangles = &self.triangles;
-            series.record(encoder, batch, triangles, gpu_scene, timer.as_deref_mut());
+            let drawn = (&self.triangles, gpu_scene);
+            let timer_of_maps = timer.as_deref_mut();
+            series.record_near(encoder, batch, near.as_ref(), drawn, timer_of_maps);
             let dispatch = Dispatch {
                 offset: Some(UniformArray::<Batch>::offset(batch as u32)),
                 workgroups: grid(u64::from(asked.points).div_ceil(64)),
@@ -286,22 +299,36 @@ impl Occlusion {
         Ok(())
     }
 
+    /// What is within reach of points, where that is of interest.
+    fn near(
+        &self,
+        context: &Context,
+        points: &Points,
+        series: &Series<'_>,
+    ) -> Result<Option<Near<'_>>> {
+        let Some(reach) = self.builder.reach() else {
+            return Ok(None);
+        };
+        let all = (&points.buffer, self.size[0] * self.size[1]);
+        let distances = [self.params.d_max, self.triangles.bounds.diagonal()];
+        let bounds = points.bounds().unwrap_or(self.triangles.bounds);
+        let near = reach.of(context, &series.batches, all, &bounds, distances)?;
+        Ok(Some(near))
+    }
+
     /// The views along directions, fitted around points.
     fn views(&self, context: &Context, directions: &[Vec3], points: &Points) -> Vec<View> {
-        let boxes = &points.boxes;
-        let around = |bounds: Aabb, other: &Aabb| bounds.union(other);
-        let bounds = boxes.iter().fold(Aabb::EMPTY, around);
         // A picture without a point is looked at as if it held everything.
         let all = [self.triangles.bounds];
-        let (boxes, bounds) = match bounds.is_empty() {
-            true => (&all[..], all[0]),
-            false => (&boxes[..], bounds),
+        let (boxes, bounds) = match points.bounds() {
+            None => (&all[..], all[0]),
+            Some(bounds) => (&points.boxes[..], bounds),
         };
         let longest = longest_axis(&bounds);
         fit(
             context,
             directions,
-            boxes,
+            (self.triangles.origin, boxes),
             longest,
             self.params.maps.resolution,
         )
@@ -420,11 +447,11 @@ impl Occlusion {
     }
 }
 
-/// The views along directions around boxes, no larger than the device can draw.
+/// The views along directions around boxes, which are relative to an origin, no larger than the device can draw.
 fn fit(
     context: &Context,
     directions: &[Vec3],
-    boxes: &[Aabb],
+    (origin, boxes): (Vec3, &[Aabb]),
     longest: Vec3,
     resolution: u32,
 ) -> Vec<View> {
@@ -432,7 +459,7 @@ fn fit(
     let view = |&direction: &Vec3| {
         let mut resolution = resolution;
         loop {
-            let view = View::fit(direction, boxes, longest, resolution);
+            let view = View::fit(direction, origin, boxes, longest, resolution);
             // What is nearly a line has coarser pixels, so that the device can draw it.
             if view.columns.max(view.rows) <= side || resolution == 1 {
                 return view;

@@ -35,7 +35,9 @@
 //! - N counts directions of a hemisphere: the sphere is cut into 2N regions and each map answers for two of them. The sum of
 //!   Eq. (2) is divided by the sum of its cosines and not by N/2, so that an open sky is 1 at every normal.
 //! - Maps are streamed: built, asked for all points, dropped. Memory does not grow with N. [`LdmTracer`] stores them.
-//! - Maps are fitted around the points, not the scene. Their pixels are as many as asked for and square.
+//! - Maps are fitted around the points, not the scene. Their pixels are square, at most as many as asked for, and those of a lattice
+//!   that stays while something moves.
+//! - Corners are rounded to a 256th of a pixel on the CPU too, so that both sides cover the same pixels.
 //! - A point is moved to the line of its pixel's centre within its own plane; where its surface does not reach so far, the pixels
 //!   beside it are asked. The paper compares depths as they are, with a tolerance.
 //! - With `d_max` a map holds what is within the reach of the points that ask it, and in no order: who looks through all layers

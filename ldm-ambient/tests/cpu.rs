@@ -187,6 +187,44 @@ fn results_do_not_depend_on_threads() {
     }
 }
 
+/// What moves far away, and changes what maps are fitted around, hardly changes anything.
+#[test]
+fn nothing_flickers() {
+    let room = builtin::build("office").unwrap();
+    let params = params(64, 100, 0.5);
+    let frame = |step: u32| {
+        let mut scene = room.clone();
+        let mut bird = squares(&[(0.3, Affine3A::IDENTITY)]);
+        let mesh = scene.meshes.len() as u32;
+        scene.meshes.append(&mut bird.meshes);
+        let side = room.bounds().max.x + 1.0 + 0.01 * step as f32;
+        let place = Affine3A::from_translation(Vec3::new(side, 0.5, 0.02 * step as f32));
+        scene.instances.push(Instance::new(mesh, place));
+        let scene = Arc::new(scene);
+        let select = Selection::default();
+        let exact = BvhTracer::build(&scene, &select, &BvhOptions::default()).unwrap();
+        let mut receivers = Receivers::from_camera(&scene, &exact, &scene.cameras[0], [64, 48]);
+        let far = receivers.points.len();
+        let others = Receivers::from_vertices(&scene, mesh);
+        receivers.points.extend(others.points);
+        for (index, receiver) in (0..).zip(&mut receivers.points) {
+            receiver.index = index;
+        }
+        let points = Points::of_receivers(&receivers, Normals::Smooth);
+        let skies = skies(&scene, &points, receivers.points.len(), &params);
+        skies[..far].iter().map(|sky| 255.0 * sky.ao).collect()
+    };
+    let frames: Vec<Vec<f32>> = (0..8).map(frame).collect();
+    let mut squares = 0.0;
+    for pair in frames.windows(2) {
+        let changes = pair[0].iter().zip(&pair[1]).map(|(a, b)| (a - b).powi(2));
+        squares += changes.sum::<f32>();
+    }
+    let rms = (squares / (7 * frames[0].len()) as f32).sqrt();
+    println!("{rms} grey levels");
+    assert!(rms < 0.5, "{rms} grey levels from frame to frame");
+}
+
 /// Frames with turned directions come nearer to the truth.
 #[test]
 fn frames_accumulate() {
@@ -281,10 +319,11 @@ fn layers_are_those_of_a_stack() {
     };
     let maps = LdmTracer::build(&scene, &Selection::default(), &options).unwrap();
     assert_eq!(maps.directions()[0].abs(), Vec3::Y);
-    assert_eq!(maps.layers(), 5 * 50 * 50);
+    // Of the sizes of pixels the one that gives the most of them is 2^-5.5 m: 46 centres are in a metre.
+    assert_eq!(maps.layers(), 5 * 46 * 46);
     let mut found = maps.point_cloud(0);
     found.sort_by(|a, b| a.y.total_cmp(&b.y));
-    for (layer, height) in found.chunks(50 * 50).zip(heights) {
+    for (layer, height) in found.chunks(46 * 46).zip(heights) {
         assert!(layer.iter().all(|point| (point.y - height).abs() < 2e-4));
     }
 }

@@ -362,8 +362,19 @@ fn hbao_is_fair_for_near_occluders() {
         let pairs = found.iter().zip(&truth.values);
         let squares = pairs.map(|(found, truth)| (found[which] - truth.x).powi(2));
         let rms = 255.0 * (squares.sum::<f32>() / found.len() as f32).sqrt();
-        println!("{:?}: {rms} grey levels", truth.quantity);
-        assert!(rms < 16.0, "{:?}: {rms} grey levels", truth.quantity);
+        let pairs = found.iter().zip(&truth.values);
+        let bias = pairs
+            .map(|(found, truth)| found[which] - truth.x)
+            .sum::<f32>();
+        let bias = 255.0 * bias / found.len() as f32;
+        println!("{:?}: {rms} grey levels, bias {bias}", truth.quantity);
+        // What stands behind the silhouettes that a camera sees is not known to it.
+        let most = [19.4, 10.1][which];
+        assert!(
+            rms < most && bias.abs() < 4.0,
+            "{:?}: {rms} grey levels, bias {bias}",
+            truth.quantity
+        );
     }
     let wrong = HbaoParams {
         d_max: f32::INFINITY,

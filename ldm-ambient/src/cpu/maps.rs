@@ -296,6 +296,7 @@ mod tests {
         for &direction in Directions::new(40).vectors() {
             let view = View::fit(
                 direction,
+                triangles.origin,
                 &[triangles.bounds],
                 longest_axis(&triangles.bounds),
                 90,
@@ -316,7 +317,13 @@ mod tests {
         let triangles =
             Triangles::new(&scene, &scene.transforms(), &Selection::default()).expect("triangles");
         for &direction in Directions::new(5).vectors() {
-            let view = View::fit(direction, &[triangles.bounds], Vec3::X, 300);
+            let view = View::fit(
+                direction,
+                triangles.origin,
+                &[triangles.bounds],
+                Vec3::X,
+                300,
+            );
             let map = Map::build(&triangles, view, &mut Scratch::default());
             let mut extents = Extents::default();
             extents.redraw(&triangles, view, None, &mut Scratch::default());

@@ -27,8 +27,8 @@ const CHUNK: usize = 64;
 /// Points whose box maps are fitted around together.
 const BOX: usize = 64;
 /// The side of the cells in which points are looked for together, of `d_max`; and at least, of the scene's diagonal.
-const CELL: f32 = 0.25;
-const LEAST_CELL: f32 = 0.01;
+pub(crate) const CELL: f32 = 0.25;
+pub(crate) const LEAST_CELL: f32 = 0.01;
 /// Maps that are there at the same time, at least and at most; between them as many as there are threads.
 pub(super) const MAPS: [usize; 2] = [4, 16];
 
@@ -159,7 +159,7 @@ impl<'a> Occlusion<'a> {
         let (longest, resolution) = (longest_axis(&bounds), self.params.maps.resolution);
         let views: Vec<View> = directions
             .par_iter()
-            .map(|&direction| View::fit(direction, &boxes, longest, resolution))
+            .map(|&direction| View::fit(direction, origin, &boxes, longest, resolution))
             .collect();
         let fixed = size_of_val(&blocks[..])
             + size_of_val(&sums[..])
@@ -341,7 +341,7 @@ mod tests {
         let blocks = PointBlock::pack(&points.points, triangles.origin);
         let bounds = [PointBlock::bounds(&blocks)];
         for &direction in Directions::new(6).vectors() {
-            let view = View::fit(direction, &bounds, Vec3::X, 60);
+            let view = View::fit(direction, Vec3::ZERO, &bounds, Vec3::X, 60);
             let scratch = &mut Scratch::default();
             let layers = Map::build(&triangles, view, scratch);
             let (mut quads, mut extents) = (Quads::default(), Extents::default());

@@ -97,6 +97,7 @@ mod tests {
         for resolution in [1, 33, 101] {
             let view = View::fit(
                 Vec3::new(0.6, 0.0, 0.8),
+                triangles.origin,
                 &[triangles.bounds],
                 Vec3::X,
                 resolution,

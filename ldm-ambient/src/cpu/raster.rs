@@ -2,7 +2,7 @@
 //!
 //! A row of a triangle is where its two edges cross the line of pixel centres, from the left up to but not including the
 //! right one. An edge is always followed from its lower end, so two triangles that share it agree to the bit: no centre
-//! falls between them and none into both.
+//! falls between them and none into both. Corners are rounded to a 256th of a pixel, as GPUs do, so that those cover the same.
 
 use glam::{Vec2, Vec3};
 
@@ -11,6 +11,9 @@ use super::{
     triangles::{Block, Masked, Triangles},
     view::View,
 };
+
+/// Of a pixel, to which corners are rounded; a power of two.
+const PARTS: f32 = 256.0;
 
 /// A piece of a row of pixels that a triangle covers.
 #[derive(Clone, Copy, Debug)]
@@ -78,7 +81,7 @@ impl<T: Target> Work for Draw<'_, '_, T> {
         for triangle in &triangles.masked {
             let corners = triangle.corners.map(|corner| {
                 let (at, depth) = view.place(corner);
-                at.extend(depth)
+                ((at * PARTS + 0.5).floor() / PARTS).extend(depth)
             });
             let mut holes = Holes {
                 triangles,
@@ -109,7 +112,9 @@ fn place<S: Simd>(simd: S, view: &View, block: &Block) -> (u32, [[Lanes; 2]; 3])
         let low = simd.splat(low);
         let at = |corner: usize| {
             let at = simd.dot(&block.corners[corner], along);
-            simd.mul(simd.sub(at, low), scale)
+            let at = simd.mul(simd.sub(at, low), scale);
+            let number = simd.floor(simd.add(simd.mul(at, simd.splat(PARTS)), half));
+            simd.mul(number, simd.splat(1.0 / PARTS))
         };
         let (a, b, c) = (at(0), at(1), at(2));
         placed[0][axis] = simd.store(a);

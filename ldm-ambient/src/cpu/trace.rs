@@ -65,6 +65,7 @@ impl ParallelTracer for StreamedMaps<'_> {
         let longest = longest_axis(&self.triangles.bounds);
         let view = View::fit(
             self.directions[direction],
+            origin,
             &boxes,
             longest,
             self.params.resolution,
@@ -127,7 +128,13 @@ impl LdmTracer {
         let longest = longest_axis(&bounds);
         let limit = params.max_bytes / u64::from(params.maps);
         let draw = |scratch: &mut Scratch, &direction: &Vec3| {
-            let view = View::fit(direction, &[bounds], longest, params.resolution);
+            let view = View::fit(
+                direction,
+                triangles.origin,
+                &[bounds],
+                longest,
+                params.resolution,
+            );
             let map = PackedMap::new(&Map::build(&triangles, view, scratch));
             match map {
                 Some(map) if map.bytes() as u64 <= limit => Ok(map),

@@ -5,7 +5,10 @@ use isophote_scene::{
     Aabb, Scene, Selection, SurfaceId, WorldTriangle, check_transforms, world_triangles,
 };
 
-use super::lanes::{LANES, Vectors};
+use super::{
+    lanes::{LANES, Vectors},
+    view::origin_in,
+};
 use crate::Result;
 
 /// The triangles of a scene, ready to be drawn. What is transparent in places comes last, by itself.
@@ -46,7 +49,7 @@ impl<'a> Triangles<'a> {
             }
             .into());
         }
-        let origin = bounds.center();
+        let origin = origin_in(&bounds);
         let (masked, opaque): (Vec<_>, Vec<_>) = triangles
             .into_iter()
             .partition(|triangle| scene.is_masked(triangle.surface));

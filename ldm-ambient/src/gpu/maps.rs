@@ -17,7 +17,11 @@ use isophote_scene::gpu::{Context, Dispatch, GpuScene, Timer, UniformArray};
 use wgpu::{BindGroup, BindingResource, Buffer};
 
 use self::pipelines::Pipelines;
-use super::{grid, triangles::Triangles};
+use super::{
+    grid,
+    reach::{Near, Reach},
+    triangles::Triangles,
+};
 use crate::{Result, cpu::view::View};
 
 /// How all layers of a pixel are found on a GPU.
@@ -92,7 +96,8 @@ pub(super) struct Batch {
     points: u32,
     tolerance: f32,
     d_max: f32,
-    padding: [u32; 2],
+    tiles: u32,
+    padding: u32,
 }
 
 /// What maps are asked, beside where they are.
@@ -112,6 +117,10 @@ pub(super) struct Builder {
     /// Maps of a batch.
     most: usize,
     capacity: u32,
+    /// Tiles from one map to the next.
+    tiles: u32,
+    /// Where only what is within reach of points is drawn.
+    reach: Option<Reach>,
     pipelines: Pipelines,
     memory: Memory,
 }
@@ -164,9 +173,34 @@ impl Builder {
             stride,
             most,
             capacity,
-            pipelines: Pipelines::new(context, gpu_scene, kept)?,
+            // However long the map is: tiles are of 8 × 8 pixels.
+            tiles: stride / 8 + 1,
+            reach: None,
+            pipelines: Pipelines::new(context, gpu_scene, kept, false)?,
             memory: Memory::new(context, kept, pixels, capacity)?,
         })
+    }
+
+    /// Layers that points ask for who look no farther than they were told.
+    pub(super) fn near(
+        context: &Context,
+        gpu_scene: &GpuScene,
+        method: BuildMethod,
+        resolution: u32,
+    ) -> Result<Self> {
+        let kept = Kept::Layers(method);
+        let all = Self::new(context, gpu_scene, kept, resolution)?;
+        let tiles = u64::from(all.tiles) * all.most as u64;
+        Ok(Self {
+            reach: Some(Reach::new(context, tiles)?),
+            pipelines: Pipelines::new(context, gpu_scene, kept, true)?,
+            ..all
+        })
+    }
+
+    /// What finds out what is within reach, where that is of interest.
+    pub(super) fn reach(&self) -> Option<&Reach> {
+        self.reach.as_ref()
     }
 
     /// Makes room for so many layers; whether there was not.
@@ -195,10 +229,8 @@ impl Builder {
             totals,
             layers,
         } = &self.memory;
-        [pixels, firsts, totals, layers]
-            .map(Buffer::size)
-            .iter()
-            .sum()
+        let sizes = [pixels, firsts, totals, layers].map(Buffer::size);
+        sizes.iter().sum::<u64>() + self.reach.as_ref().map_or(0, Reach::bytes)
     }
 
     /// What maps are read from: bindings 1 and 2 of layers.wesl.
@@ -227,17 +259,20 @@ impl Builder {
         let memory = &self.memory;
         let buffer = |binding, buffer: &'a Buffer| (binding, buffer.as_entire_binding());
         let draws = triangles.chunks.iter().map(|chunk| {
+            let mut resources = vec![
+                (0, batches.binding()),
+                (1, chunk.corners.as_entire_binding()),
+                buffer(2, &memory.pixels),
+                buffer(3, &memory.layers),
+            ];
+            resources.extend(self.reach.as_ref().map(|reach| buffer(4, &reach.ranges)));
+            let entry = |(binding, resource)| wgpu::BindGroupEntry { binding, resource };
+            let entries: Vec<_> = resources.into_iter().map(entry).collect();
             context.check("drawing maps", |device| {
                 device.create_bind_group(&wgpu::BindGroupDescriptor {
                     label: Some("drawing maps"),
                     layout: &self.pipelines.layout,
-                    entries: &[
-                        (0, batches.binding()),
-                        (1, chunk.corners.as_entire_binding()),
-                        buffer(2, &memory.pixels),
-                        buffer(3, &memory.layers),
-                    ]
-                    .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }),
+                    entries: &entries,
                 })
             })
         });
@@ -271,7 +306,8 @@ impl Builder {
             tolerance: asked.tolerance,
             // An infinite one is a large number.
             d_max: asked.d_max.min(1e37),
-            padding: [0; 2],
+            tiles: self.tiles,
+            padding: 0,
         };
         for (place, view) in batch.views.iter_mut().zip(views) {
             *place = MapView::new(view);
@@ -314,6 +350,21 @@ impl Series<'_> {
     /// How many maps a batch has.
     pub(super) fn maps(&self, batch: usize) -> usize {
         self.views[batch].len()
+    }
+
+    /// Records the building of the maps of a batch, after what is within reach of those that will ask them.
+    pub(super) fn record_near(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        batch: usize,
+        near: Option<&Near<'_>>,
+        (triangles, gpu_scene): (&Triangles, &GpuScene),
+        mut timer: Option<&mut Timer>,
+    ) {
+        if let Some(near) = near {
+            near.spread(encoder, (batch, self.maps(batch)), timer.as_deref_mut());
+        }
+        self.record(encoder, batch, triangles, gpu_scene, timer);
     }
 
     /// Records the building of the maps of a batch.

@@ -272,7 +272,7 @@ impl Photons {
             false => fit(
                 context,
                 &self.directions,
-                &boxes,
+                (self.triangles.origin, &boxes),
                 longest,
                 self.params.maps.resolution,
             ),

@@ -58,6 +58,13 @@ impl Points {
         self.size
     }
 
+    /// Around all of them, relative to the occlusion's origin; none where there is none.
+    pub(super) fn bounds(&self) -> Option<Aabb> {
+        let around = |bounds: Aabb, other: &Aabb| bounds.union(other);
+        let bounds = self.boxes.iter().fold(Aabb::EMPTY, around);
+        (!bounds.is_empty()).then_some(bounds)
+    }
+
     /// Replaces the points by others, from the next submission on; those whose index is beyond the picture are left out.
     pub fn upload(&mut self, context: &Context, occlusion: &Occlusion, points: &cpu::Points) {
         let [width, height] = self.size.map(|side| side as usize);

@@ -10,7 +10,7 @@ use isophote_scene::{
 use wgpu::BufferUsages;
 
 use super::{Filler, grid, linker};
-use crate::Result;
+use crate::{Result, cpu::view::origin_in};
 
 /// Bytes of a triangle's corners.
 const TRIANGLE: u64 = 48;
@@ -59,7 +59,7 @@ impl Triangles {
             }
             .into());
         }
-        let origin = bounds.center();
+        let origin = origin_in(&bounds);
         let shader = linker().scene(gpu_scene).link("ldm_ambient::place")?;
         let groups = [&filler.layout, gpu_scene.bind_group_layout()];
         let mut table = Self {

@@ -66,7 +66,8 @@ pub(super) fn gather(
     let directions = params.directions();
     let boxes: Vec<_> = blocks.chunks(LANES).map(PointBlock::bounds).collect();
     let longest = longest_axis(&triangles.bounds);
-    let fit = |&direction: &Vec3| View::fit(direction, &boxes, longest, params.maps.resolution);
+    let (origin, resolution) = (triangles.origin, params.maps.resolution);
+    let fit = |&direction: &Vec3| View::fit(direction, origin, &boxes, longest, resolution);
     let views: Vec<View> = match points.is_empty() {
         true => Vec::new(),
         false => {

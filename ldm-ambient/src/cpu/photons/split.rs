@@ -64,6 +64,7 @@ impl<'a> Split<'a> {
         let fit = |&direction: &Vec3| {
             View::fit(
                 direction,
+                triangles.origin,
                 &boxes,
                 longest_axis(&triangles.bounds),
                 params.maps.resolution,

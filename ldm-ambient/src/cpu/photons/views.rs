@@ -82,7 +82,7 @@ fn faces_of<'a>(scene: &Scene, light: &'a Light, raster: u32) -> Vec<Face<'a>> {
                 max: bounds.max - center,
             };
             let longest = longest_axis(&around);
-            let view = View::fit(light.direction(), &[around], longest, raster);
+            let view = View::around(light.direction(), &[around], longest, raster);
             vec![Face {
                 light,
                 size: [view.columns as u32, view.rows as u32],

@@ -18,7 +18,12 @@ pub(super) struct Pipelines {
 }
 
 impl Pipelines {
-    pub(super) fn new(context: &Context, gpu_scene: &GpuScene, kept: Kept) -> Result<Self> {
+    pub(super) fn new(
+        context: &Context,
+        gpu_scene: &GpuScene,
+        kept: Kept,
+        reach: bool,
+    ) -> Result<Self> {
         let layout = context.check("drawing maps", |device| {
             let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
             let entry = |(binding, visibility, ty)| wgpu::BindGroupLayoutEntry {
@@ -39,8 +44,9 @@ impl Pipelines {
                     (1, ShaderStages::VERTEX, storage(true)),
                     (2, ShaderStages::FRAGMENT, storage(false)),
                     (3, ShaderStages::FRAGMENT, storage(false)),
+                    (4, ShaderStages::VERTEX_FRAGMENT, storage(true)),
                 ]
-                .map(entry),
+                .map(entry)[..if reach { 5 } else { 4 }],
             })
         })?;
         let flags: &[&str] = match kept {
@@ -49,7 +55,7 @@ impl Pipelines {
             Kept::Layers(BuildMethod::Linearised) => &["count", "fill"],
         };
         let pair = |flag: &&str| -> Result<[wgpu::RenderPipeline; 2]> {
-            let pipeline = |masked| pipeline(context, gpu_scene, &layout, flag, masked);
+            let pipeline = |masked| pipeline(context, gpu_scene, &layout, (flag, reach), masked);
             Ok([pipeline(false)?, pipeline(true)?])
         };
         let draws = flags.iter().map(pair).collect::<Result<_>>()?;
@@ -74,13 +80,14 @@ fn pipeline(
     context: &Context,
     gpu_scene: &GpuScene,
     layout: &wgpu::BindGroupLayout,
-    flag: &str,
+    (flag, reach): (&str, bool),
     masked: bool,
 ) -> Result<wgpu::RenderPipeline> {
     let shader: Shader = linker()
         .scene(gpu_scene)
         .feature(flag, true)
         .feature("masked", masked)
+        .feature("reach", reach)
         .link("ldm_ambient::draw")?;
     let module = shader.module(context)?;
     let target = wgpu::ColorTargetState {

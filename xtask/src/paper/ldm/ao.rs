@@ -35,7 +35,7 @@ pub(super) fn measure(lab: &Lab) -> Measured {
             table.maps(&scene, "ao", None, resolution, &truth)?;
         }
     }
-    let mut curves = Vec::new();
+    let (mut curves, mut crossings) = (Vec::new(), Vec::new());
     for scene in [sponza(lab), sibenik(lab)] {
         let mut points = [Vec::new(), Vec::new()];
         let reaches = if lab.quick {
@@ -57,6 +57,16 @@ pub(super) fn measure(lab: &Lab) -> Measured {
                 table.maps(&scene, "obscurance", Some(reach), "200", &truth)?;
             }
         }
+        let mut crossing = vec![scene.title.clone()];
+        crossing.extend([1, 0].map(|what| {
+            let [maps, hbao] = &points;
+            let pairs = maps.iter().zip(hbao);
+            let pairs: Vec<_> = pairs.map(|(a, b)| (a.0, [b.1[what], a.1[what]])).collect();
+            below(&pairs)
+        }));
+        let last = [0, 1].map(|by: usize| points[by].last().map_or(0.0, |(_, found)| found[0]));
+        crossing.push(format!("{:.1}", last[1] / last[0]));
+        crossings.push(crossing);
         for (what, title) in ["RMS, grey levels", "seconds"].into_iter().enumerate() {
             let plot = Plot {
                 title: &format!("{title}: {}", scene.title),
@@ -91,6 +101,15 @@ pub(super) fn measure(lab: &Lab) -> Measured {
             rows: table.rows,
         },
     ];
+    parts.push(Part::Table {
+        head: cells([
+            "scene",
+            "HBAO is cheaper for d_max",
+            "HBAO errs less for d_max",
+            "HBAO's RMS at the largest, of that of maps",
+        ]),
+        rows: crossings,
+    });
     parts.extend(curves);
     parts.push(Part::Pictures {
         title: "Maps, HBAO and the reference".to_owned(),
@@ -102,6 +121,26 @@ pub(super) fn measure(lab: &Lab) -> Measured {
         parts,
     };
     Ok((section, Value::Array(table.numbers)))
+}
+
+/// Up to where the first of two curves is below the second one, between the places where both are known.
+fn below(pairs: &[(f64, [f64; 2])]) -> String {
+    let off = |[first, second]: [f64; 2]| first - second;
+    let (Some(least), Some(most)) = (pairs.first(), pairs.last()) else {
+        return String::new();
+    };
+    let crossing = pairs
+        .windows(2)
+        .find(|ends| off(ends[0].1) < 0.0 && off(ends[1].1) >= 0.0);
+    match crossing {
+        Some(ends) => {
+            let [before, after] = [0, 1].map(|end: usize| off(ends[end].1));
+            let share = before / (before - after);
+            format!("below {:.2} m", ends[0].0 + share * (ends[1].0 - ends[0].0))
+        }
+        None if off(least.1) < 0.0 => format!("all, up to {} m", most.0),
+        None => format!("none, down to {} m", least.0),
+    }
 }
 
 struct Table<'a> {

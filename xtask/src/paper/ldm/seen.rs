@@ -12,7 +12,7 @@ use crate::paper::{
 
 const FLICKER: &str = "An object goes to and fro. Maps are built anew for every frame, along the same directions. Away from it means \
     farther than d_max from all places where it is: there nothing changes, and what is measured is flicker: maps are fitted around \
-    what is seen, and move where that changes its bounds. Changes are from frame to frame, in grey levels. One point a pixel.";
+    what is seen, in pixels of a lattice that stays, but where it changes its size a map may get pixels of the next size. Changes are from frame to frame, in grey levels. One point a pixel.";
 
 const FIGURES: &str = "Fig. 3: the layers of three of the maps of a scene, as points, seen from the same place; the nearer the brighter. \
     Fig. 5: the regions of equal area with all their centres, and those that maps are along, which answer for the opposite ones too.";
