@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | 1. triangles | `cpu/triangles.rs` | `gpu/triangles.rs`, `shaders/place.wesl` |
 //! | 2. views | `cpu/view.rs` | the same |
-//! | 3. which pixels, how deep | `cpu/raster.rs` | `shaders/draw.wesl`, by the device's rasteriser |
+//! | 3. which pixels, how deep | `cpu/raster.rs` | `shaders/{cull,draw}.wesl`, by the device's rasteriser |
 //! | 4. maps | `cpu/{maps,reach}.rs` | `gpu/{maps,reach}.rs`, `shaders/{scan,sort,reach}.wesl` |
 //! | points | `cpu/points.rs` | `gpu/points.rs`, `shaders/points/*.wesl` |
 //! | 5., 6. tracing, occlusion | `cpu/{aim,occlusion}.rs` | `shaders/{aim,look_up,layers,resolve}.wesl` |
@@ -43,7 +43,7 @@ pub use self::{
 use self::{
     maps::{Asked, Batch, Builder, Kept, Series},
     reach::Near,
-    triangles::Triangles,
+    triangles::{Chunk, Triangles},
 };
 use crate::{
     Directions, OcclusionParams, Result,
@@ -59,9 +59,11 @@ pub const SHADERS: ShaderPackage = shader_package!(
     [
         "aim",
         "batch",
+        "cull",
         "draw",
         "layers",
         "look_up",
+        "near",
         "order",
         "photons/bin",
         "photons/emission",
@@ -72,6 +74,7 @@ pub const SHADERS: ShaderPackage = shader_package!(
         "photons/split",
         "photons/weigh",
         "place",
+        "project",
         "points/camera",
         "points/gbuffer",
         "points/store",
@@ -223,7 +226,7 @@ impl Occlusion {
     /// Bytes that it holds on the device for maps and sums; this does not grow with the number of maps.
     pub fn bytes(&self) -> u64 {
         let corners = self.triangles.chunks.iter();
-        let corners: u64 = corners.map(|chunk| chunk.corners.size()).sum();
+        let corners: u64 = corners.map(Chunk::bytes).sum();
         self.builder.bytes() + self.sums.size() + corners
     }
 

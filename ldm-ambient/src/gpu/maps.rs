@@ -44,7 +44,7 @@ pub(super) enum Kept {
 }
 
 /// Maps that are there at the same time, `MAPS` of batch.wesl.
-const BATCH: usize = 16;
+pub(super) const BATCH: usize = 16;
 /// And at most so many pixels, unless it is one map.
 const MOST_PIXELS: u32 = 1 << 20;
 /// What a pixel takes at most in a buffer.
@@ -142,6 +142,7 @@ pub(super) struct Series<'a> {
     views: Vec<&'a [View]>,
     pub(super) batches: UniformArray<Batch>,
     /// Of each chunk of triangles.
+    culls: Vec<BindGroup>,
     draws: Vec<BindGroup>,
     /// Of each pass of the prefix sum.
     scan: Vec<BindGroup>,
@@ -264,6 +265,7 @@ impl Builder {
                 (1, chunk.corners.as_entire_binding()),
                 buffer(2, &memory.pixels),
                 buffer(3, &memory.layers),
+                (5, chunk.drawn.as_entire_binding()),
             ];
             resources.extend(self.reach.as_ref().map(|reach| buffer(4, &reach.ranges)));
             let entry = |(binding, resource)| wgpu::BindGroupEntry { binding, resource };
@@ -277,6 +279,16 @@ impl Builder {
             })
         });
         let draws = draws.collect::<isophote_scene::Result<_>>()?;
+        let culls = triangles.chunks.iter().map(|chunk| {
+            let mut resources = vec![
+                (0, batches.binding()),
+                (1, chunk.corners.as_entire_binding()),
+                (2, chunk.drawn.as_entire_binding()),
+                (3, chunk.draws.as_entire_binding()),
+            ];
+            resources.extend(self.reach.as_ref().map(|reach| buffer(4, &reach.ranges)));
+            self.pipelines.cull.bind(context, &resources)
+        });
         let sums = [buffer(1, &memory.firsts), buffer(2, &memory.totals)];
         let scan = self.pipelines.scan.iter();
         let scan = scan.map(|pass| pass.bind(context, &sums));
@@ -287,6 +299,7 @@ impl Builder {
         ];
         Ok(Series {
             builder: self,
+            culls: culls.collect::<isophote_scene::Result<_>>()?,
             draws,
             scan: scan.collect::<isophote_scene::Result<_>>()?,
             sort: self.pipelines.sort.bind(context, &sort)?,
@@ -386,6 +399,7 @@ impl Series<'_> {
         if *kept == Kept::Layers(BuildMethod::LinkedLists) {
             encoder.clear_buffer(&memory.layers, 0, None);
         }
+        self.cull(encoder, batch, triangles, timer.as_deref_mut());
         for (time, draw) in pipelines.draws.iter().enumerate() {
             if time == 1 {
                 self.sum_up(encoder, timer.as_deref_mut());
@@ -408,6 +422,26 @@ impl Series<'_> {
             pipelines
                 .sort
                 .record(encoder, "sort", timer, &[&self.sort], &[dispatch]);
+        }
+    }
+
+    /// Finds the triangles that are drawn into each map.
+    fn cull(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        batch: usize,
+        triangles: &Triangles,
+        mut timer: Option<&mut Timer>,
+    ) {
+        let pass = &self.builder.pipelines.cull;
+        for (chunk, group) in triangles.chunks.iter().zip(&self.culls) {
+            chunk.clear(encoder);
+            let dispatch = Dispatch {
+                offset: Some(UniformArray::<Batch>::offset(batch as u32)),
+                workgroups: grid(u64::from(chunk.count.div_ceil(64))),
+            };
+            let timer = timer.as_deref_mut();
+            pass.record(encoder, "cull", timer, &[group], &[dispatch]);
         }
     }
 
@@ -462,7 +496,7 @@ impl Series<'_> {
                 let (columns, rows) = (view.columns as u32, view.rows as u32);
                 pass.set_viewport(0.0, 0.0, columns as f32, rows as f32, 0.0, 1.0);
                 pass.set_scissor_rect(0, 0, columns, rows);
-                pass.draw(0..3 * chunk.count, map..map + 1);
+                pass.draw_indirect(&chunk.draws, 16 * map);
             }
         }
     }

@@ -9,11 +9,13 @@ use isophote_scene::{
 };
 use wgpu::BufferUsages;
 
-use super::{Filler, grid, linker};
+use super::{Filler, grid, linker, maps::BATCH};
 use crate::{Result, cpu::view::origin_in};
 
 /// Bytes of a triangle's corners.
 const TRIANGLE: u64 = 48;
+/// Bytes of its numbers in the maps of a batch.
+const NUMBERS: u64 = 4 * BATCH as u64;
 
 /// `Placing` of place.wesl.
 #[repr(C)]
@@ -40,6 +42,11 @@ pub(super) struct Chunk {
     pub(super) masked: bool,
     pub(super) count: u32,
     pub(super) corners: wgpu::Buffer,
+    /// Of each map of a batch the numbers of the triangles that are drawn into it, and how it is drawn: `cull.wesl` writes them.
+    pub(super) drawn: wgpu::Buffer,
+    pub(super) draws: wgpu::Buffer,
+    /// How maps are drawn that have no triangle.
+    nothing: wgpu::Buffer,
     group: wgpu::BindGroup,
 }
 
@@ -91,7 +98,7 @@ impl Triangles {
         let most = limits
             .max_storage_buffer_binding_size
             .min(limits.max_buffer_size)
-            / TRIANGLE;
+            / TRIANGLE.max(NUMBERS);
         for triangles in triangles.chunks(most.max(1) as usize) {
             let ids: Vec<[u32; 2]> = triangles
                 .iter()
@@ -103,6 +110,12 @@ impl Triangles {
             };
             let placing = context.buffer("placing", &[placing], BufferUsages::UNIFORM)?;
             let corners = context.storage("corners of triangles", TRIANGLE * ids.len() as u64)?;
+            let drawn = context.storage("triangles of maps", NUMBERS * ids.len() as u64)?;
+            let first = |map: usize| 3 * (map * ids.len()) as u32;
+            let nothing: Vec<[u32; 4]> = (0..BATCH).map(|map| [0, 1, first(map), 0]).collect();
+            let usage = BufferUsages::STORAGE | BufferUsages::INDIRECT;
+            let draws = context.buffer("draws of maps", &nothing, usage)?;
+            let nothing = context.buffer("no draws", &nothing, BufferUsages::COPY_SRC)?;
             let listed = context.buffer("triangles", &ids, BufferUsages::STORAGE)?;
             let resources = [
                 (0, placing.as_entire_binding()),
@@ -114,6 +127,9 @@ impl Triangles {
                 count: ids.len() as u32,
                 group: self.place.bind(context, &resources)?,
                 corners,
+                drawn,
+                draws,
+                nothing,
             });
         }
         Ok(())
@@ -135,5 +151,18 @@ impl Triangles {
             self.place
                 .record(encoder, "triangles", None, &groups, &[dispatch]);
         }
+    }
+}
+
+impl Chunk {
+    /// Records that no triangle is drawn.
+    pub(super) fn clear(&self, encoder: &mut wgpu::CommandEncoder) {
+        let size = self.draws.size();
+        encoder.copy_buffer_to_buffer(&self.nothing, 0, &self.draws, 0, size);
+    }
+
+    /// Bytes on the device.
+    pub(super) fn bytes(&self) -> u64 {
+        self.corners.size() + self.drawn.size()
     }
 }

@@ -197,7 +197,26 @@ impl Context {
 
     /// As [`noop`](Self::noop) with other limits.
     pub fn noop_within(limits: Limits) -> Self {
-        let (device, queue) = wgpu::Device::noop(&wgpu::DeviceDescriptor {
+        let noop = wgpu::NoopBackendOptions {
+            enable: true,
+            // Unlimited as it is, wgpu would refuse to look through what indirect draws are told.
+            limits: Some(Limits {
+                min_storage_buffer_offset_alignment: 256,
+                ..Limits::unlimited()
+            }),
+            ..Default::default()
+        };
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+            backends: Backends::NOOP,
+            backend_options: wgpu::BackendOptions {
+                noop,
+                ..Default::default()
+            },
+            ..wgpu::InstanceDescriptor::new_without_display_handle()
+        });
+        let adapter = instance.request_adapter(&wgpu::RequestAdapterOptions::default());
+        let adapter = pollster::block_on(adapter).expect("this backend is always there");
+        let device = adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("noop"),
             required_features: OPTIONAL,
             required_limits: Limits {
@@ -208,6 +227,7 @@ impl Context {
             experimental_features: experimental(),
             ..Default::default()
         });
+        let (device, queue) = pollster::block_on(device).expect("it refuses nothing");
         let context = Self::new(device, queue);
         // What computes nothing would fail the test.
         context.ray_query_test.get_or_init(|| Ok(()));

@@ -9,6 +9,7 @@ use crate::{Result, gpu::linker};
 /// The pipelines of a way to build maps.
 #[derive(Debug)]
 pub(super) struct Pipelines {
+    pub(super) cull: ComputePass,
     pub(super) layout: wgpu::BindGroupLayout,
     /// One for each time that layers are drawn: for those that stop light everywhere, and for those that do not.
     pub(super) draws: Vec<[wgpu::RenderPipeline; 2]>,
@@ -44,9 +45,10 @@ impl Pipelines {
                     (1, ShaderStages::VERTEX, storage(true)),
                     (2, ShaderStages::FRAGMENT, storage(false)),
                     (3, ShaderStages::FRAGMENT, storage(false)),
-                    (4, ShaderStages::VERTEX_FRAGMENT, storage(true)),
+                    (5, ShaderStages::VERTEX, storage(true)),
+                    (4, ShaderStages::FRAGMENT, storage(true)),
                 ]
-                .map(entry)[..if reach { 5 } else { 4 }],
+                .map(entry)[..if reach { 6 } else { 5 }],
             })
         })?;
         let flags: &[&str] = match kept {
@@ -59,6 +61,7 @@ impl Pipelines {
             Ok([pipeline(false)?, pipeline(true)?])
         };
         let draws = flags.iter().map(pair).collect::<Result<_>>()?;
+        let cull = linker().feature("reach", reach).link("ldm_ambient::cull")?;
         let scan = linker().link("ldm_ambient::scan")?;
         let pass = |entry_point| scan.compute_pass(context, entry_point, &[], &[]);
         let scan = [
@@ -68,6 +71,7 @@ impl Pipelines {
         ];
         let sort = linker().link("ldm_ambient::sort")?;
         Ok(Self {
+            cull: cull.compute_pass(context, "cull", &[], &[0])?,
             draws,
             scan,
             sort: sort.compute_pass(context, "sort", &[], &[0])?,
