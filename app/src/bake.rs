@@ -14,6 +14,7 @@ mod meshes;
 mod parts;
 mod report;
 mod seams;
+mod techniques;
 mod texels;
 mod textures;
 mod vertices;
@@ -39,6 +40,7 @@ use self::{
     layout::Layout,
     parts::{Fingerprint, Shard},
     report::Report,
+    techniques::Techniques,
     texels::{Lightmap, Texels},
     vertices::{Attribute, COLOR, Vertices},
     work::Work,
@@ -64,6 +66,7 @@ Examples:
   isophote bake hall.glb --to texels --quantity irradiance -o baked.glb -o light.exr   light, by MOZ_lightmap
   isophote bake hall.glb --technique ldm --ldm-maps 2048 -o baked.glb   by layered depth maps
   isophote bake hall.glb --technique ldm --quantity irradiance.indirect -o baked.glb   the light of one bounce, by photons
+  isophote bake hall.glb --technique igi --quantity irradiance.indirect -o baked.glb   the same by virtual point lights
   isophote bake hall.glb --shard 1/2 -o 1.part                       half of the work; 2/2 elsewhere, and then
   isophote bake hall.glb --merge 1.part 2.part -o baked.glb          what one process would have made";
 
@@ -82,7 +85,7 @@ pub(crate) struct BakeArgs {
     /// irradiance
     #[arg(long, value_name = "NAME", default_value = "ao", value_parser = quantity)]
     quantity: Quantity,
-    /// How it is calculated: by the reference's rays, or by the maps of ldm
+    /// How it is calculated: by the reference's rays, by the maps of ldm or by the virtual lights of igi
     #[arg(long, value_enum, default_value = "reference")]
     technique: TechniqueChoice,
     /// Who answers rays: bvh unless given; not on GPUs
@@ -136,9 +139,8 @@ pub(crate) struct BakeArgs {
     quiet: bool,
     #[command(flatten)]
     tracer_args: TracerArgs,
-    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=4096),
-        help = "Photons of the technique ldm along each side of a light's view; a point light has six views")]
-    ldm_photons: u32,
+    #[command(flatten)]
+    techniques: Techniques,
     #[command(flatten)]
     changes: SceneArgs,
 }
@@ -184,20 +186,7 @@ impl BakeArgs {
     /// Flags that have no effect beside the others.
     pub(crate) fn idle(&self) -> Vec<Idle> {
         let mut idle = self.tracer_args.idle(self.tracer, self.technique);
-        if self.technique == TechniqueChoice::Ldm {
-            let why = "the technique ldm counts maps: --ldm-maps";
-            idle.extend(Idle::all(["samples"], why));
-            if self.quantity.is_occlusion() {
-                let why = "the technique ldm traces no rays";
-                idle.extend(Idle::all(["tracer"], why));
-                idle.extend(Idle::all(["ldm_photons"], "occlusion knows no light"));
-            } else {
-                idle.extend(Idle::all(["tracer"], "photons are traced exactly"));
-                idle.extend(Idle::all(["path_bounces"], "photons bounce once"));
-            }
-        } else {
-            idle.extend(Idle::all(["ldm_photons"], "it is for --technique ldm"));
-        }
+        idle.extend(Techniques::idle(self.technique, self.quantity));
         match self.to {
             Target::Vertices => {
                 let why = "it is for --to texels";
@@ -338,7 +327,7 @@ pub(crate) fn bake(args: &BakeArgs, mut settings: BTreeMap<String, String>) -> R
 
 /// Hours of work must not end at a file that cannot be written, or at two settings that do not go together.
 fn check(args: &BakeArgs) -> Result<()> {
-    light::check(args.technique, args.quantity)?;
+    Techniques::check(args.technique, args.quantity)?;
     ensure!(
         args.d_max.is_finite() || args.quantity != Quantity::Obscurance,
         "obscurance needs a finite --d-max, since it grows with the distance over that"

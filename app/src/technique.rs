@@ -1,5 +1,6 @@
 //! The techniques that can be chosen on the command line: each says what it knows, and makes pictures.
 
+mod field;
 mod igi;
 mod ldi;
 mod ldm;
@@ -33,6 +34,8 @@ pub(crate) enum TechniqueChoice {
     Igi,
     /// Layered depth maps along fixed directions: ambient occlusion, obscurance and light that bounced once
     Ldm,
+    /// Displacement fields around objects: ambient occlusion, obscurance and shadows; the reference's rays, by the tracer field
+    Field,
 }
 
 /// What can be chosen of the techniques.
@@ -137,6 +140,7 @@ impl TechniqueArgs {
             TechniqueChoice::Ldi => &self.ldi,
             TechniqueChoice::Igi => &self.igi,
             TechniqueChoice::Ldm => &self.ldm,
+            TechniqueChoice::Field => &field::Field,
         }
     }
 

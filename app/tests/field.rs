@@ -1,4 +1,4 @@
-//! `--tracer field`: pictures, files, and what is refused.
+//! `--tracer field` and `--technique field`: pictures, files, and what is refused.
 
 use std::path::Path;
 
@@ -44,7 +44,8 @@ fn fields_are_saved_and_loaded() {
         "--spp=8",
     ])
     .args([
-        "--tracer=field",
+        // Another name for the same.
+        "--technique=field",
         "--quantity=ao",
         "--quiet",
         &flag("--field-load"),
@@ -71,6 +72,17 @@ fn what_needs_surfaces_is_refused() {
         error.contains("Surface") && error.contains("Distance"),
         "{error}"
     );
+    let refused = isophote(&[
+        "render",
+        "builtin:corner",
+        "--technique=field",
+        "--quantity=ao",
+        "--tracer=bvh",
+        "-o",
+        "a.exr",
+    ]);
+    let error = String::from_utf8({ refused }.output().expect("an answer").stderr).expect("text");
+    assert!(error.contains("leave out --tracer"), "{error}");
     let idle = isophote(&["render", "builtin:corner", "--field-rings=3", "-o", "a.exr"]).output();
     let error = String::from_utf8(idle.expect("an answer").stderr).expect("text");
     assert!(error.contains("it is for the tracer field"), "{error}");

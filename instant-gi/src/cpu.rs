@@ -11,6 +11,7 @@ mod history;
 pub(crate) mod indirect;
 pub(crate) mod keep;
 pub mod maps;
+mod receivers;
 mod refine;
 mod samples;
 pub(crate) mod select;
@@ -29,11 +30,10 @@ use isophote_scene::{
 };
 use rayon::prelude::*;
 
-pub use self::history::History;
 use self::{
     emission::{Vpl, shoot},
     filter::Upsample,
-    indirect::{Gather, Sight},
+    indirect::Gather,
     keep::keep,
     maps::Maps,
     refine::refine,
@@ -42,6 +42,7 @@ use self::{
     specular::Tree,
     tiles::{Direct, Tiles},
 };
+pub use self::{history::History, receivers::Shot};
 use crate::{Error, GiParams, Result, Visibility};
 
 /// Most pixels of a picture: what is known of each takes up to 256 bytes.
@@ -144,10 +145,7 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
         let upsample = Upsample::new(size, params)?;
         let mut passes = Vec::new();
         let vpls = Pass::timed(&mut passes, "vpls", || {
-            let (mut vpls, rays) = shoot(scene, exact, params);
-            if params.sorts() {
-                along_curve(&mut vpls, &scene.bounds());
-            }
+            let (vpls, rays) = self.paths(params);
             (vpls, [rays, 0])
         });
         let seen = Pass::timed(&mut passes, "camera", || {
@@ -162,16 +160,12 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
             (kept, [0, 0])
         });
         let maps = Pass::timed(&mut passes, "maps", || self.maps(&vpls))?;
-        let sight = match &maps {
-            Some(maps) => Sight::Maps(maps),
-            None => Sight::Rays,
-        };
         let gather = Gather::new(
             scene,
             self.tracers.secondary,
             &self.direct,
             &vpls,
-            sight,
+            maps.as_ref().into(),
             params,
         );
         let [columns, rows] = upsample.grid.size();
@@ -265,6 +259,15 @@ impl<'a, E: Tracer + ?Sized, S: Tracer + ?Sized> InstantGi<'a, E, S> {
             vpls,
             passes,
         })
+    }
+
+    /// The virtual point lights of all light paths, and the number of rays.
+    fn paths(&self, params: &GiParams) -> (Vec<Vpl>, u64) {
+        let (mut vpls, rays) = shoot(self.scene, self.tracers.exact, params);
+        if params.sorts() {
+            along_curve(&mut vpls, &self.scene.bounds());
+        }
+        (vpls, rays)
     }
 
     /// The shadow maps of the lights, if points see by them; and the number of rays.

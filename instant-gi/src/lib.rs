@@ -12,6 +12,8 @@
 //! 6. `cpu/filter.rs`: samples become a picture (Eq. (2), §4.3); `cpu/refine.rs`: pixels that no sample is like; in a sequence of
 //!    pictures, `cpu/history.rs`.
 //!
+//! Vertices and texels are lit without a picture: stages 1, 3 and 5 by `cpu/receivers.rs`.
+//!
 //! The same stages on GPUs: `gpu.rs` and the shaders of the stages' names (feature `gpu`).
 //!
 //! # From the paper to the code
@@ -57,7 +59,7 @@ pub mod gpu;
 mod params;
 
 pub use self::{
-    cpu::{History, InstantGi, Stages},
+    cpu::{History, InstantGi, Shot, Stages},
     error::{Error, Result},
     params::{Filter, GiParams, Lookup, Pattern, Sequence, ShadowMaps, Visibility},
 };

@@ -9,9 +9,9 @@ use isophote_instant_gi::{
     cpu::emission::shoot,
 };
 use isophote_scene::{
-    Answers, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Hit, Leaves, Ray, Scene,
-    Selection, Tracer, builtin,
-    reference::{Materials, Tracers},
+    Answers, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Hit, Leaves, Ray, Receivers,
+    Scene, Selection, Tracer, builtin,
+    reference::{Materials, Normals, Tracers},
 };
 
 const SIZE: [u32; 2] = [48, 36];
@@ -30,6 +30,62 @@ fn render(scene: &Scene, exact: &dyn Tracer, secondary: &dyn Tracer, params: &Gi
 
 fn mean(values: &[Vec3]) -> f32 {
     values.iter().map(|value| value.element_sum()).sum::<f32>() / (3 * values.len()) as f32
+}
+
+/// What pixels show is lit as points of their own are, bit for bit, and in whatever company.
+#[test]
+fn receivers_are_lit_as_pixels_are() {
+    let (scene, tracer) = scene("cornell");
+    let maps = Visibility::Maps(ShadowMaps {
+        resolution: 16,
+        ..ShadowMaps::default()
+    });
+    for (selection, visibility) in [(0, Visibility::Rays), (5, Visibility::Rays), (0, maps)] {
+        let params = GiParams {
+            paths: 20,
+            bounces: 2,
+            compensation: 2,
+            selection,
+            visibility,
+            ..GiParams::default()
+        };
+        let stages = render(&scene, &tracer, &tracer, &params);
+        let tracers = Tracers {
+            exact: &tracer,
+            secondary: &tracer,
+        };
+        let gi = InstantGi::new(&scene, tracers, &params).unwrap();
+        let shot = gi.shoot().unwrap();
+        assert!(shot.rays() > 0 && !shot.vpls().is_empty());
+        let camera = &scene.cameras[0];
+        let mut receivers = Receivers::from_camera(&scene, &tracer, camera, SIZE);
+        receivers.points.reverse();
+        // Normals of pixels are on the viewer's side.
+        let eye = camera.position();
+        receivers.points.retain(|receiver| {
+            let point = &receiver.point;
+            point.shading_normal.dot(eye - point.position) > 0.0
+        });
+        assert!(receivers.points.len() > 1000);
+        let (light, rays) = gi.irradiance(&shot, &receivers, Normals::Smooth, &|_, _| {});
+        assert_eq!(rays == 0, visibility == maps && params.compensation == 0);
+        for (receiver, light) in receivers.points.iter().zip(light) {
+            assert_eq!(light, stages.irradiance[receiver.index as usize]);
+        }
+    }
+    let params = GiParams {
+        kept: 4,
+        ..GiParams::default()
+    };
+    let tracers = Tracers {
+        exact: &tracer,
+        secondary: &tracer,
+    };
+    let gi = InstantGi::new(&scene, tracers, &params).unwrap();
+    assert!(matches!(
+        gi.shoot(),
+        Err(Error::Parameter { name: "kept", .. })
+    ));
 }
 
 /// In a closed room of albedo ρ what is reflected once is ρ of what is emitted.

@@ -9,10 +9,11 @@ use std::{
     sync::atomic::{AtomicU64, Ordering},
 };
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use glam::{UVec3, Vec3};
+use isophote_instant_gi::{InstantGi, Shot};
 use isophote_ldm_ambient::{
-    MapParams, OcclusionParams, PhotonParams, Photons,
+    MapParams, OcclusionParams, Photons,
     cpu::{
         Points, Triangles,
         occlusion::{Occlusion, Sky},
@@ -27,6 +28,7 @@ use isophote_scene::{
 
 use rayon::prelude::*;
 
+use super::techniques::Techniques;
 use crate::technique::TechniqueChoice;
 
 /// Receivers of a piece.
@@ -43,9 +45,11 @@ pub(super) struct Light<'a> {
     pub(super) settings: Settings,
     /// Of the technique `ldm`.
     pub(super) maps: MapParams,
-    /// Of its photons.
-    pub(super) raster: u32,
+    pub(super) techniques: Techniques,
 }
+
+/// The virtual lights of the technique `igi`.
+type Gi<'a> = InstantGi<'a, dyn Tracer + 'a, dyn Tracer + 'a>;
 
 /// What came of some pieces.
 #[derive(Default)]
@@ -65,22 +69,6 @@ struct Piece {
     /// As relRMSE; 0 where the technique does not tell.
     noise: f64,
     mean: f64,
-}
-
-/// Refuses what a technique does not compute for receivers.
-pub(super) fn check(technique: TechniqueChoice, quantity: Quantity) -> Result<()> {
-    let name = technique.name();
-    match technique {
-        TechniqueChoice::Reference => {}
-        TechniqueChoice::Ldm => ensure!(
-            quantity.is_occlusion() || quantity == Quantity::IrradianceIndirect,
-            "the technique ldm bakes ao, obscurance and irradiance.indirect, but not {quantity}"
-        ),
-        TechniqueChoice::Ldi | TechniqueChoice::Igi => bail!(
-            "the technique {name} computes pictures, not vertices or texels: choose reference or ldm"
-        ),
-    }
-    Ok(())
 }
 
 /// How many receivers a piece has.
@@ -140,8 +128,17 @@ impl Light<'_> {
             Some(triangles) if !self.quantity.is_occlusion() => Some(Photons::emit(
                 triangles,
                 self.tracers.exact,
-                &self.photons(),
+                &self.techniques.photons(self.maps, &self.settings),
             )?),
+            _ => None,
+        };
+        let lights = match self.technique {
+            TechniqueChoice::Igi => {
+                let params = self.techniques.virtual_lights(&self.settings);
+                let gi = InstantGi::new(self.scene, self.tracers, &params)?;
+                let shot = gi.shoot()?;
+                Some((gi, shot))
+            }
             _ => None,
         };
         let done = AtomicU64::new(0);
@@ -159,10 +156,11 @@ impl Light<'_> {
                 let sum = done.fetch_add(more, Ordering::Relaxed) + more;
                 progress.advance(sum, total as u64);
             };
-            match (&maps, &photons) {
-                (_, Some(photons)) => Ok(self.by_photons(photons, &receivers, &advance)),
-                (Some(triangles), None) => self.by_maps(triangles, receivers, &advance),
-                (None, None) => self.by_rays(piece, &receivers, &advance),
+            match (&maps, &photons, &lights) {
+                (.., Some(lights)) => Ok(self.by_lights(lights, &receivers, &advance)),
+                (_, Some(photons), _) => Ok(self.by_photons(photons, &receivers, &advance)),
+                (Some(triangles), ..) => self.by_maps(triangles, receivers, &advance),
+                _ => self.by_rays(piece, &receivers, &advance),
             }
         });
         let parts: Vec<Piece> = parts.collect::<Result<_>>()?;
@@ -217,14 +215,19 @@ impl Light<'_> {
         })
     }
 
-    fn photons(&self) -> PhotonParams {
-        PhotonParams {
-            maps: self.maps,
-            raster: self.raster,
-            materials: self.settings.materials,
-            normals: self.settings.normals,
-            seed: self.settings.seed,
-            ..PhotonParams::default()
+    fn by_lights(
+        &self,
+        (gi, shot): &(Gi<'_>, Shot),
+        receivers: &Receivers,
+        progress: &dyn Progress,
+    ) -> Piece {
+        let (values, rays) = gi.irradiance(shot, receivers, self.settings.normals, progress);
+        Piece {
+            values,
+            rays,
+            // There are no two halves.
+            noise: 0.0,
+            mean: 0.0,
         }
     }
 

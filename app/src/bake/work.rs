@@ -89,7 +89,7 @@ impl Work<'_> {
             quantity: args.quantity,
             settings: args.settings(),
             maps: args.tracer_args.depth_maps.params(),
-            raster: args.ldm_photons,
+            techniques: args.techniques,
         };
         let bar = self.voice.bar();
         let advance = |done: u64, total: u64| {

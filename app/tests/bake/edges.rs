@@ -248,11 +248,13 @@ fn what_cannot_be_is_refused_in_one_line() {
         ("a.glb -o b.obj", "written as .glb"),
         ("a.glb -o b.exr", "written as .glb"),
         ("a.glb -o no/b.glb", "does not exist"),
-        ("a.glb --technique ldi -o b.glb", "choose reference or ldm"),
+        ("a.glb --technique ldi -o b.glb", "choose reference"),
+        ("a.glb --technique field -o b.glb", "--tracer field"),
         (
             "a.glb --technique igi --quantity irradiance -o b.glb",
-            "choose reference or ldm",
+            "not irradiance.path",
         ),
+        ("a.glb --igi-paths 9 -o b.glb", "it is for --technique igi"),
         (
             "a.glb --technique ldm --quantity irradiance -o b.glb",
             "not irradiance.path",

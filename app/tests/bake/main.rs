@@ -17,7 +17,7 @@ use assert_cmd::cargo::cargo_bin;
 use isophote_scene::Image;
 use serde_json::{Value, json};
 
-use crate::files::{floats, open_share, parts, plate_over_floor};
+use crate::files::{Maker, floats, open_share, parts, plate_over_floor};
 
 /// A folder of its own for every test, with the program run inside.
 pub(crate) struct Place(tempfile::TempDir);
@@ -158,10 +158,33 @@ fn irradiance_is_in_watts_per_square_metre() {
     validator::check(&place.path("c.glb"));
 }
 
-/// Takes away what was added to lists, and compares.
+/// One bounce by virtual point lights is that of the reference, corners included.
+#[test]
+fn virtual_lights_light_vertices() {
+    let mut maker = matt_plate_over_floor();
+    maker.json["extensions"]["KHR_lights_punctual"] =
+        json!({ "lights": [{ "type": "point", "intensity": 1000.0 }] });
+    maker.add("extensionsUsed", json!("KHR_lights_punctual"));
+    let lamp = json!({ "translation": [0.0, 0.5, 0.0], "extensions": { "KHR_lights_punctual": { "light": 0 } } });
+    let lamp = maker.add("nodes", lamp);
+    let nodes = maker.json["scenes"][0]["nodes"].as_array_mut().unwrap();
+    nodes.push(lamp.into());
+    let place = Place::with("a.glb", maker.glb());
+    let [bias, error] = bounced(&place, "", "igi --igi-paths 4096");
+    println!("bias {bias}, relRMSE {error}");
+    assert!(bias.abs() < 0.02 && error < 0.05, "{bias} {error}");
+}
+
 /// One bounce by photons is that of the reference.
 #[test]
 fn photons_light_vertices() {
+    let place = Place::with("a.glb", matt_plate_over_floor().glb());
+    let [bias, error] = bounced(&place, "--environment 1,1,1", "ldm");
+    // An environment's photons are wide, and lose what reaches beyond the plate.
+    assert!(bias.abs() < 0.2 && error < 0.57, "{bias} {error}");
+}
+
+fn matt_plate_over_floor() -> Maker {
     let mut maker = plate_over_floor();
     // Without one they would be of metal, which reflects no photons.
     let matt = json!({ "pbrMetallicRoughness": { "metallicFactor": 0.0 } });
@@ -169,8 +192,12 @@ fn photons_light_vertices() {
     for mesh in 0..2 {
         maker.json["meshes"][mesh]["primitives"][0]["material"] = matt.into();
     }
-    let place = Place::with("a.glb", maker.glb());
-    let bake = "a.glb --quantity irradiance.indirect --environment 1,1,1";
+    maker
+}
+
+/// Bias and relRMSE of a technique's indirect light at vertices.
+fn bounced(place: &Place, lights: &str, technique: &str) -> [f32; 2] {
+    let bake = format!("a.glb --quantity irradiance.indirect {lights}");
     let light = |technique: &str| {
         place.ok(&format!("{bake} --technique {technique} -o b.glb"));
         let (json, bin) = parts(&place.path("b.glb"));
@@ -178,7 +205,7 @@ fn photons_light_vertices() {
         let of = |mesh| floats(&json, &bin, &attributes(mesh)["_IRRADIANCE"]);
         [of(0), of(1)].concat()
     };
-    let (truth, found) = (light("reference --samples 1024"), light("ldm"));
+    let (truth, found) = (light("reference --samples 1024"), light(technique));
     let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
     let squares: Vec<f32> = truth
         .iter()
@@ -186,11 +213,10 @@ fn photons_light_vertices() {
         .map(|(a, b)| (a - b).powi(2))
         .collect();
     let error = mean(&squares).sqrt() / mean(&truth);
-    let bias = mean(&found) / mean(&truth) - 1.0;
-    // An environment's photons are wide, and lose what reaches beyond the plate.
-    assert!(bias.abs() < 0.2 && error < 0.57, "{bias} {error}");
+    [mean(&found) / mean(&truth) - 1.0, error]
 }
 
+/// Takes away what was added to lists, and compares.
 fn assert_kept(before: &Value, mut after: Value) {
     for (name, list) in before.as_object().unwrap() {
         if let Some(list) = list.as_array() {

@@ -15,9 +15,13 @@ fn shards_and_threads_make_the_same_bits() {
         ("ao", "--seed 3"),
         ("ldm", "--technique ldm --ldm-maps 16"),
         ("light", "--quantity irradiance --environment 1,2,3"),
+        (
+            "igi",
+            "--technique igi --quantity irradiance.indirect --environment 1,2,3 --igi-paths 16 --igi-compensation 2",
+        ),
     ] {
         let bake = match name {
-            "ldm" => TEXELS.replace(" --samples 4", "") + " " + bake,
+            "ldm" | "igi" => TEXELS.replace(" --samples 4", "") + " " + bake,
             _ => format!("{TEXELS} {bake}"),
         };
         place.ok(&format!("{bake} --threads 1 -o one.glb"));

@@ -41,6 +41,12 @@ pub(super) enum Sight<'a> {
     Maps(&'a Maps),
 }
 
+impl<'a> From<Option<&'a Maps>> for Sight<'a> {
+    fn from(maps: Option<&'a Maps>) -> Self {
+        maps.map_or(Self::Rays, Self::Maps)
+    }
+}
+
 /// A point that receives light.
 #[derive(Clone, Copy)]
 pub(super) struct Receiver<'a> {
