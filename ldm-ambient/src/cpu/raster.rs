@@ -112,11 +112,10 @@ fn place<S: Simd>(simd: S, view: &View, block: &Block) -> (u32, [[Lanes; 2]; 3])
         let low = simd.splat(low);
         let at = |corner: usize| {
             let at = simd.dot(&block.corners[corner], along);
-            let at = simd.mul(simd.sub(at, low), scale);
-            let number = simd.floor(simd.add(simd.mul(at, simd.splat(PARTS)), half));
-            simd.mul(number, simd.splat(1.0 / PARTS))
+            simd.mul(simd.sub(at, low), scale)
         };
         let (a, b, c) = (at(0), at(1), at(2));
+        let (a, b, c) = (rounded(simd, a), rounded(simd, b), rounded(simd, c));
         placed[0][axis] = simd.store(a);
         placed[1][axis] = simd.store(b);
         placed[2][axis] = simd.store(c);
@@ -130,6 +129,13 @@ fn place<S: Simd>(simd: S, view: &View, block: &Block) -> (u32, [[Lanes; 2]; 3])
         bits &= simd.bits(simd.less(first, end));
     }
     (bits, placed)
+}
+
+/// To a part of a pixel.
+#[inline(always)]
+fn rounded<S: Simd>(simd: S, at: S::Floats) -> S::Floats {
+    let number = simd.add(simd.mul(at, simd.splat(PARTS)), simd.splat(0.5));
+    simd.mul(simd.floor(number), simd.splat(1.0 / PARTS))
 }
 
 /// The number of the first pixel whose centre is not before a coordinate, of so many.
