@@ -595,9 +595,44 @@ fn the_technique_ldm_renders() {
     render(&[&light[..], &maps, &["-o", "light.exr"]].concat());
     let report = place.json(&["compare", "light.exr", "reference.exr", "--json"]);
     assert!(report["bias"].as_f64().unwrap().abs() < 0.1, "{report}");
+    // Everything up to two bounces, a sky among it; direct light by photons is nearly that of rays.
+    let all = ["--quantity=path", "--environment=0.5,0.6,0.8"];
+    render(
+        &[
+            &all[..],
+            &["--spp=256", "--path-bounces=3", "-o", "path.exr"],
+        ]
+        .concat(),
+    );
+    let two = ["--ldm-bounces=2", "--ldm-photons=16", "-o", "all.exr"];
+    render(&[&all[..], &maps, &two].concat());
+    let photons = [
+        "--ldm-direct=photons",
+        "--ldm-glossy=none",
+        "--ldm-photons=16",
+        "-o",
+        "photons.exr",
+    ];
+    render(&[&all[..], &maps, &photons].concat());
+    for (picture, reference, most) in [
+        ("all.exr", "path.exr", 0.1),
+        ("photons.exr", "path.exr", 0.2),
+    ] {
+        let report = place.json(&["compare", picture, reference, "--json"]);
+        println!("{picture}: {report}");
+        assert!(report["bias"].as_f64().unwrap().abs() < most, "{report}");
+    }
     for (flags, expected) in [
         (&["--technique=ldm", "--spp=4"][..], "--ldm-maps"),
-        (&["--technique=ldm", "--quantity=path"], "but not path"),
+        (
+            &[
+                "--technique=ldm",
+                "--quantity=indirect",
+                "--ldm-deposit=splatted",
+                "--ldm-bounces=2",
+            ],
+            "bounce once",
+        ),
         (&["--ldm-maps=4"], "--technique ldm"),
         (
             &["--technique=ldm", "--quantity=ao", "--ldm-occlusion=hbao"],

@@ -4,6 +4,7 @@
 //! then asked in the order of their directions for many points at the same time. So nothing depends on the number of threads.
 
 mod aim;
+pub(crate) mod environment;
 pub mod hbao;
 mod lanes;
 mod maps;

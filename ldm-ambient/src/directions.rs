@@ -82,6 +82,19 @@ impl Partition {
         &self.zones
     }
 
+    /// The number of the region that holds a unit vector.
+    pub fn region_at(&self, direction: DVec3) -> usize {
+        let colatitude = direction.y.clamp(-1.0, 1.0).acos();
+        let longitude = direction.x.atan2(direction.z);
+        let above = |zone: &Zone| zone.colatitudes[1] <= colatitude;
+        let zones = self.zones.partition_point(above).min(self.zones.len() - 1);
+        let (before, zone) = (&self.zones[..zones], &self.zones[zones]);
+        let turn = ((longitude - zone.longitude) / TAU).rem_euclid(1.0);
+        let number = (turn * f64::from(zone.regions)) as u32;
+        let first: u32 = before.iter().map(|zone| zone.regions).sum();
+        (first + number.min(zone.regions - 1)) as usize
+    }
+
     /// All regions, zone by zone.
     pub fn regions(&self) -> impl Iterator<Item = Region> + '_ {
         self.zones.iter().flat_map(|zone| {
@@ -231,11 +244,23 @@ impl Directions {
         if frame == 0 {
             return self.clone();
         }
-        let rotation = rotation(seed, frame);
+        let rotation = Self::rotation(seed, frame);
         let turn = |vector: &Vec3| (rotation * *vector).normalize();
         Self {
             vectors: self.vectors.iter().map(turn).collect(),
         }
+    }
+
+    /// By what [`turned`](Self::turned) turns them: a rotation of uniform density (Shoemake 1992), stratified over the frames.
+    pub(crate) fn rotation(seed: u64, frame: u32) -> Quat {
+        if frame == 0 {
+            return Quat::IDENTITY;
+        }
+        let sampler = Sampler::new(seed, 0x1d4a_11b5, frame);
+        let (u, v) = (sampler.get_2d(0), sampler.get_1d(1));
+        let (a, b) = ((1.0 - u.x).sqrt(), u.x.sqrt());
+        let [y, z] = [u.y, v].map(|turn| std::f32::consts::TAU * turn);
+        Quat::from_xyzw(a * y.sin(), a * y.cos(), b * z.sin(), b * z.cos()).normalize()
     }
 
     /// Some of them, at most so many, as evenly spread as they can be: the nearest to the directions of so many maps.
@@ -278,15 +303,6 @@ impl Directions {
     }
 }
 
-/// A rotation of uniform density (Shoemake 1992), stratified over the frames.
-fn rotation(seed: u64, frame: u32) -> Quat {
-    let sampler = Sampler::new(seed, 0x1d4a_11b5, frame);
-    let (u, v) = (sampler.get_2d(0), sampler.get_1d(1));
-    let (a, b) = ((1.0 - u.x).sqrt(), u.x.sqrt());
-    let [y, z] = [u.y, v].map(|turn| std::f32::consts::TAU * turn);
-    Quat::from_xyzw(a * y.sin(), a * y.cos(), b * z.sin(), b * z.cos()).normalize()
-}
-
 #[cfg(test)]
 mod tests {
     use std::f64::consts::FRAC_PI_3;
@@ -325,6 +341,10 @@ mod tests {
             let area = 4.0 * PI / f64::from(count);
             for region in &regions {
                 assert!((region.area() - area).abs() < 1e-10, "{count}: {region:?}");
+            }
+            let partition = Partition::new(count);
+            for (index, region) in regions.iter().enumerate() {
+                assert_eq!(partition.region_at(region.center()), index, "{count}");
             }
         }
     }

@@ -24,6 +24,9 @@
 //! | §3.4, D x and D d, transfer (Igehy 1999), rotation by α | `cpu/photons/differential.rs` |
 //! | §4.2, photons leave the light's view; splitting | `cpu/photons/{views,emission}.rs`, [`cpu::photons::light`] |
 //! | Eq. (4) to (7), footprints and splatting | `cpu/photons/footprint.rs`, `cpu/photons/splat.rs` |
+//! | Fig. 11, environment light through the maps | `cpu/environment.rs`, [`cpu::photons::Gathered::sky`] |
+//! | §6, glossy by the nearest direction | `cpu/photons/glossy.rs`, [`Photons::mirrored`] |
+//! | §6, direct light from photons | [`PhotonParams::direct`], [`Photons::direct`] |
 //! | §6, multiple bounces over subsets of the directions | [`PhotonParams::bounces`], [`Directions::subset`] |
 //! | §6, arbitrary light sources | `cpu/photons/emission.rs` |
 //! | §6, progressive rendering | [`OcclusionParams::frames`], [`PhotonParams::frames`], [`Directions::turned`] |
@@ -49,6 +52,8 @@
 //! - Split photons share what is reflected by cosθ / Σ cosθ, so that no energy is lost between directions.
 //! - By default points gather ([`Deposit::Gathered`]): the sum over maps and photons is that of splatting, but the map decides
 //!   for each point which surface lights it, so nothing is smeared over edges and shadows of what receives.
+//! - The environment is averaged over the regions of the directions, so that a sun that is smaller than one is not lost. Its
+//!   photons come in parallel along 384 directions, each with what comes from its region.
 //! - A spot's view is not a plane before it but the square of its cone, whose pixels have equal solid angles.
 //! - Photons that are gathered are cut into smaller ones where their footprints meet edges or shadows, and their light is
 //!   divided by the part of the footprint that is on a surface (`cpu/photons/{cut,field}.rs`).

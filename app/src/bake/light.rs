@@ -5,6 +5,7 @@
 //! to each other.
 
 use std::{
+    f32::consts::PI,
     ops::Range,
     sync::atomic::{AtomicU64, Ordering},
 };
@@ -21,11 +22,10 @@ use isophote_ldm_ambient::{
     },
 };
 use isophote_scene::{
-    Aabb, Receiver, Receivers, Scene, Selection, Tracer,
+    Aabb, Bsdf, DirectLight, Environment, Receiver, Receivers, Scene, Selection, Tracer,
     reference::{self, Progress, Quantity, Settings, Tracers},
-    sample::hash,
+    sample::{Sampler, hash},
 };
-
 use rayon::prelude::*;
 
 use super::techniques::Techniques;
@@ -128,7 +128,9 @@ impl Light<'_> {
             Some(triangles) if !self.quantity.is_occlusion() => Some(Photons::emit(
                 triangles,
                 self.tracers.exact,
-                &self.techniques.photons(self.maps, &self.settings),
+                &self
+                    .techniques
+                    .photons(self.quantity, self.maps, &self.settings),
             )?),
             _ => None,
         };
@@ -239,13 +241,49 @@ impl Light<'_> {
     ) -> Piece {
         let points = Points::of_receivers(receivers, self.settings.normals);
         let (light, passes) = photons.light(&points, [0, 1], progress);
+        let mut rays = passes.iter().map(|pass| pass.rays).sum();
+        let values = match self.quantity {
+            Quantity::IrradianceDirect => {
+                let (values, traced) = self.direct(receivers, &light);
+                rays += traced;
+                values
+            }
+            _ => light.iter().map(Gathered::irradiance).collect(),
+        };
         Piece {
-            values: light.iter().map(Gathered::irradiance).collect(),
-            rays: passes.iter().map(|pass| pass.rays).sum(),
+            values,
+            rays,
             // There are no two halves.
             noise: 0.0,
             mean: 0.0,
         }
+    }
+
+    /// Light straight from the lights, by rays, and from the environment, by the maps.
+    fn direct(&self, receivers: &Receivers, sky: &[Gathered]) -> (Vec<Vec3>, u64) {
+        let scene = Scene {
+            environment: Environment::Black,
+            ..self.scene.clone()
+        };
+        let lights = DirectLight::new(&scene, self.tracers.exact);
+        let samples = match lights.is_noisy() {
+            true => self.settings.samples,
+            false => 1,
+        };
+        let lit = |(receiver, sky): (&Receiver, &Gathered)| {
+            let point = &receiver.point;
+            let normal = point.shading_normal;
+            let bsdf = Bsdf::diffuse(normal, Vec3::splat(PI));
+            let (mut sum, mut rays) = (Vec3::ZERO, 0);
+            for sample in 0..samples {
+                let sampler = Sampler::new(self.settings.seed, receiver.index, sample);
+                let (light, traced) = lights.scattered(point, normal, &bsdf, &sampler);
+                (sum, rays) = (sum + light, rays + traced);
+            }
+            (sky.sky_irradiance() + sum / samples as f32, rays)
+        };
+        let lit: (Vec<Vec3>, Vec<u64>) = receivers.points.par_iter().zip(sky).map(lit).unzip();
+        (lit.0, lit.1.iter().sum())
     }
 
     fn by_maps(

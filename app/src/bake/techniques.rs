@@ -47,8 +47,8 @@ impl Techniques {
         match technique {
             TechniqueChoice::Reference => {}
             TechniqueChoice::Ldm => ensure!(
-                quantity.is_occlusion() || quantity == Quantity::IrradianceIndirect,
-                "the technique ldm bakes ao, obscurance and irradiance.indirect, but not {quantity}"
+                quantity != Quantity::IrradiancePath,
+                "the technique ldm bakes ao, obscurance, irradiance.direct and irradiance.indirect, but not {quantity}"
             ),
             TechniqueChoice::Igi => ensure!(
                 quantity == Quantity::IrradianceIndirect,
@@ -70,8 +70,11 @@ impl Techniques {
         let mut idle = Vec::new();
         match technique {
             TechniqueChoice::Ldm => {
-                let why = "the technique ldm counts maps: --ldm-maps";
-                idle.extend(Idle::all(["samples"], why));
+                // Lights that have an extent are asked by rays.
+                if quantity != Quantity::IrradianceDirect {
+                    let why = "the technique ldm counts maps: --ldm-maps";
+                    idle.extend(Idle::all(["samples"], why));
+                }
                 if quantity.is_occlusion() {
                     let why = "the technique ldm traces no rays";
                     idle.extend(Idle::all(["tracer"], why));
@@ -79,6 +82,10 @@ impl Techniques {
                 } else {
                     idle.extend(Idle::all(["tracer"], "photons are traced exactly"));
                     idle.extend(Idle::all(["path_bounces"], "photons bounce once"));
+                    if quantity == Quantity::IrradianceDirect {
+                        let why = "direct light is baked by rays and maps";
+                        idle.extend(Idle::all(["ldm_photons"], why));
+                    }
                 }
             }
             TechniqueChoice::Igi => {
@@ -102,9 +109,15 @@ impl Techniques {
     }
 
     /// Of the technique `ldm`.
-    pub(super) fn photons(&self, maps: MapParams, settings: &Settings) -> PhotonParams {
+    pub(super) fn photons(
+        &self,
+        quantity: Quantity,
+        maps: MapParams,
+        settings: &Settings,
+    ) -> PhotonParams {
         PhotonParams {
             maps,
+            bounces: u32::from(quantity == Quantity::IrradianceIndirect),
             raster: self.ldm.ldm_photons,
             materials: settings.materials,
             normals: settings.normals,

@@ -1,6 +1,7 @@
-//! The technique `ldm`: occlusion and one bounce of light by layered depth maps along fixed directions, by
+//! The technique `ldm`: occlusion and light by layered depth maps along fixed directions, by
 //! `isophote-ldm-ambient`.
 
+mod light;
 #[cfg(feature = "gpu")]
 mod on_gpu;
 
@@ -10,7 +11,7 @@ use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
 use isophote_ldm_ambient::{
-    Deposit, OcclusionParams, PhotonParams, Photons,
+    Deposit, OcclusionParams, PhotonParams,
     cpu::{
         Points, Triangles,
         hbao::{HbaoParams, hbao},
@@ -23,6 +24,7 @@ use isophote_scene::{
     reference::{Layers, Progress, Quantity, Tracers},
 };
 
+use self::light::{Light, Lighting, Lit, is_bounced, is_direct};
 use super::Technique;
 use crate::{
     applies::Idle,
@@ -50,6 +52,14 @@ pub(crate) struct LdmTechnique {
     ldm_splat_size: f32,
     #[arg(
         long,
+        value_name = "N",
+        value_parser = clap::value_parser!(u32).range(1..=4096),
+        help = "Photons along each side of a light's view where those that are gathered meet edges and shadows, and are \
+                halved until they are as small; four times --ldm-photons unless given, and as many as those for none"
+    )]
+    ldm_finest: Option<u32>,
+    #[arg(
+        long,
         value_enum,
         value_name = "WAY",
         help = "Who finds whom: points the photons that light them, or photons the pixels that they light; gathered unless \
@@ -59,6 +69,36 @@ pub(crate) struct LdmTechnique {
     /// Diffuse reflections between the lights and what is lit
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
     ldm_bounces: u32,
+    /// Directions in which a photon goes on to its second reflection; a half of them to the third, and so on
+    #[arg(long, value_name = "N", default_value_t = PhotonParams::default().branches, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    ldm_branches: u32,
+    /// How light comes straight from the lights; that of an environment comes by the maps
+    #[arg(long, value_enum, value_name = "WAY", default_value = "rays")]
+    ldm_direct: DirectChoice,
+    #[arg(
+        long,
+        value_enum,
+        value_name = "WAY",
+        help = "What metals reflect of surfaces: what the nearest of the maps' directions meets, or nothing; nearest unless \
+                given, and nothing on GPUs"
+    )]
+    ldm_glossy: Option<GlossyChoice>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum DirectChoice {
+    /// Shadow rays, exact
+    Rays,
+    /// The photons that land around a point: as many as --ldm-finest make out
+    Photons,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum GlossyChoice {
+    /// Metals are black
+    None,
+    /// Each ray is answered by the nearest direction of the maps
+    Nearest,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -107,8 +147,12 @@ impl Technique for LdmTechnique {
         &[
             Quantity::Ao,
             Quantity::Obscurance,
+            Quantity::Direct,
             Quantity::Indirect,
+            Quantity::Path,
+            Quantity::IrradianceDirect,
             Quantity::IrradianceIndirect,
+            Quantity::IrradiancePath,
         ]
     }
 
@@ -125,6 +169,10 @@ impl Technique for LdmTechnique {
 
     fn has_own_tracer(&self) -> bool {
         true
+    }
+
+    fn path_bounces(&self) -> Option<u32> {
+        Some(self.ldm_bounces + 1)
     }
 
     fn costs(&self) -> [u64; 2] {
@@ -178,9 +226,22 @@ impl Found {
         self.stages.push(("bent-normal", bent));
     }
 
-    fn light(&mut self, [radiance, irradiance]: [Vec<Vec3>; 2]) {
-        self.values.insert(Quantity::Indirect, radiance);
-        self.values.insert(Quantity::IrradianceIndirect, irradiance);
+    fn light(&mut self, lit: Lit, order: &Order<'_>) {
+        use Quantity::{
+            Direct, Indirect, IrradianceDirect, IrradianceIndirect, IrradiancePath, Path,
+        };
+        if order.wants(|quantity| matches!(quantity, Path | IrradiancePath)) {
+            let all = lit.direct.sum(&lit.indirect);
+            self.values.insert(Path, all.radiance);
+            self.values.insert(IrradiancePath, all.irradiance);
+        }
+        for (names, light) in [
+            ([Direct, IrradianceDirect], lit.direct),
+            ([Indirect, IrradianceIndirect], lit.indirect),
+        ] {
+            self.values.insert(names[0], light.radiance);
+            self.values.insert(names[1], light.irradiance);
+        }
     }
 }
 
@@ -278,11 +339,16 @@ impl LdmTechnique {
         self.ldm_deposit.unwrap_or(DepositChoice::Gathered)
     }
 
+    fn glossy(&self) -> GlossyChoice {
+        self.ldm_glossy.unwrap_or(GlossyChoice::Nearest)
+    }
+
     fn photons(&self, order: &Order<'_>, deposit: DepositChoice) -> PhotonParams {
         let fine = PhotonParams::default();
         PhotonParams {
             maps: order.maps,
             raster: self.ldm_photons,
+            finest: self.ldm_finest.unwrap_or((4 * self.ldm_photons).min(4096)),
             splat_size: self.ldm_splat_size,
             deposit: match deposit {
                 DepositChoice::Gathered => Deposit::Gathered,
@@ -293,6 +359,7 @@ impl LdmTechnique {
                 DepositChoice::Splatted => SPLAT_FLATNESS,
             },
             bounces: self.ldm_bounces,
+            branches: self.ldm_branches,
             frames: self.ldm_frames,
             materials: order.settings.materials,
             normals: order.settings.normals,
@@ -309,62 +376,27 @@ impl LdmTechnique {
         progress: &dyn Progress,
         found: &mut Found,
     ) -> Result<()> {
-        let light = match self.deposit() {
-            DepositChoice::Gathered => {
-                self.by_gathering(triangles, exact, order, progress, found)?
-            }
-            DepositChoice::Splatted => {
-                self.by_splatting(triangles, exact, order, progress, found)?
-            }
-        };
-        found.light(light);
-        Ok(())
-    }
-
-    /// Radiance and irradiance of points that share the maps.
-    fn by_gathering(
-        &self,
-        triangles: &Triangles<'_>,
-        exact: &dyn Tracer,
-        order: &Order<'_>,
-        progress: &dyn Progress,
-        found: &mut Found,
-    ) -> Result<[Vec<Vec3>; 2]> {
-        let pixels = order.size[0] as usize * order.size[1] as usize;
-        let kinds = (order.settings.normals, order.settings.materials);
-        let photons = Photons::emit(
+        let splatted = self.deposit() == DepositChoice::Splatted && order.wants(is_bounced);
+        ensure!(
+            !splatted || self.ldm_bounces == 1,
+            "--ldm-deposit splatted: photons that are splatted bounce once; leave out --ldm-bounces"
+        );
+        let lighting = Lighting {
+            technique: self,
             triangles,
             exact,
-            &self.photons(order, DepositChoice::Gathered),
-        )?;
-        found.passes.extend_from_slice(photons.passes());
-        let maps = order.maps.maps.saturating_mul(self.ldm_frames);
-        let samples = self.ldm_samples.min(maps);
-        // Where nothing is seen there is no light: the mean cosine over a hemisphere is a half.
-        let missing = 0.5 * maps as f32 / samples as f32;
-        let nothing = (Vec3::ZERO, Vec3::ZERO, missing * samples as f32);
-        let mut sums = vec![nothing; pixels];
-        for sample in 0..samples {
-            let scene = triangles.scene();
-            let (points, albedos) = Pass::timed(&mut found.passes, "camera", || {
-                let (camera, size) = (order.camera, order.size);
-                let points = Points::with_albedos(scene, exact, camera, size, sample, kinds);
-                (points, [pixels as u64, 0])
-            });
-            let (light, passes) = photons.light(&points, [sample, samples], progress);
-            found.passes.extend(passes);
-            for ((&index, light), albedo) in points.indices().iter().zip(light).zip(albedos) {
-                let (radiance, irradiance, weight) = &mut sums[index as usize];
-                *radiance += albedo / PI * light.light;
-                *irradiance += light.light;
-                *weight += light.weight - missing;
-            }
+            order,
+            progress,
+        };
+        let mut lit = match splatted && !order.wants(is_direct) {
+            true => Lit::default(),
+            false => lighting.gather(found)?,
+        };
+        if splatted {
+            lit.indirect = self.by_splatting(triangles, exact, order, progress, found)?;
         }
-        let mean = |sum: Vec3, weight: f32| sum / weight.max(f32::MIN_POSITIVE);
-        Ok([
-            sums.iter().map(|sum| mean(sum.0, sum.2)).collect(),
-            sums.iter().map(|sum| mean(sum.1, sum.2)).collect(),
-        ])
+        found.light(lit, order);
+        Ok(())
     }
 
     fn by_splatting(
@@ -374,7 +406,7 @@ impl LdmTechnique {
         order: &Order<'_>,
         progress: &dyn Progress,
         found: &mut Found,
-    ) -> Result<[Vec<Vec3>; 2]> {
+    ) -> Result<Light> {
         let seen = self.see(triangles, exact, order, found);
         let params = self.photons(order, DepositChoice::Splatted);
         let lit = light(triangles, exact, order.camera, &seen, &params, progress)?;
@@ -385,7 +417,10 @@ impl LdmTechnique {
         });
         let radiance = radiance.collect();
         found.passes.extend(lit.passes);
-        Ok([radiance, lit.indirect])
+        Ok(Light {
+            radiance,
+            irradiance: lit.indirect,
+        })
     }
 
     fn see(

@@ -170,18 +170,23 @@ fn virtual_lights_light_vertices() {
     let nodes = maker.json["scenes"][0]["nodes"].as_array_mut().unwrap();
     nodes.push(lamp.into());
     let place = Place::with("a.glb", maker.glb());
-    let [bias, error] = bounced(&place, "", "igi --igi-paths 4096");
+    let [bias, error] = errors(&place, "indirect", "", "igi --igi-paths 4096");
     println!("bias {bias}, relRMSE {error}");
     assert!(bias.abs() < 0.02 && error < 0.05, "{bias} {error}");
 }
 
-/// One bounce by photons is that of the reference.
+/// One bounce by photons is that of the reference, and so is an environment through the maps.
 #[test]
 fn photons_light_vertices() {
     let place = Place::with("a.glb", matt_plate_over_floor().glb());
-    let [bias, error] = bounced(&place, "--environment 1,1,1", "ldm");
-    // An environment's photons are wide, and lose what reaches beyond the plate.
-    assert!(bias.abs() < 0.2 && error < 0.57, "{bias} {error}");
+    for (kind, bounds) in [("indirect", [0.05, 0.3]), ("direct", [0.01, 0.03])] {
+        let [bias, error] = errors(&place, kind, "--environment 1,1,1", "ldm");
+        println!("{kind}: bias {bias}, relRMSE {error}");
+        assert!(
+            bias.abs() < bounds[0] && error < bounds[1],
+            "{kind}: {bias} {error}"
+        );
+    }
 }
 
 fn matt_plate_over_floor() -> Maker {
@@ -195,9 +200,9 @@ fn matt_plate_over_floor() -> Maker {
     maker
 }
 
-/// Bias and relRMSE of a technique's indirect light at vertices.
-fn bounced(place: &Place, lights: &str, technique: &str) -> [f32; 2] {
-    let bake = format!("a.glb --quantity irradiance.indirect {lights}");
+/// Bias and relRMSE of a kind of a technique's light at vertices.
+fn errors(place: &Place, kind: &str, lights: &str, technique: &str) -> [f32; 2] {
+    let bake = format!("a.glb --quantity irradiance.{kind} {lights}");
     let light = |technique: &str| {
         place.ok(&format!("{bake} --technique {technique} -o b.glb"));
         let (json, bin) = parts(&place.path("b.glb"));

@@ -4,7 +4,8 @@
 //! 8. There each is split: one goes along every map, the way that is above the surface, with the share cosθ / Σ cosθ of what
 //!    is reflected. The map tells where it lands (§3.1), its differential how large its footprint is. Maps are streamed.
 //! 9. What lands where the camera sees it is splatted (`split`, `splat`), or, the other way around and to the same sums,
-//!    every point looks along the maps for the photons that it gets its light from (`field`, `gather`): [`Deposit`].
+//!    every point looks along the maps for the photons that it gets its light from (`field`, `gather`): [`Deposit`]. Where it
+//!    finds nothing it gets the environment's.
 
 mod cut;
 mod differential;
@@ -12,6 +13,7 @@ mod emission;
 mod field;
 mod footprint;
 mod gather;
+mod glossy;
 mod screen;
 mod splat;
 mod split;
@@ -19,23 +21,25 @@ mod views;
 
 use glam::Vec3;
 use isophote_scene::{
-    Answers, Camera, GBuffer, Pass, Projection, Seen, Tracer,
+    Answers, Camera, Environment, GBuffer, Pass, Projection, Scene, Seen, Tracer,
     reference::{Materials, Normals, Progress},
 };
 use rayon::prelude::*;
 
 #[cfg(feature = "gpu")]
 pub(crate) use self::emission::leave;
-pub use self::gather::Gathered;
 pub(crate) use self::screen::Screen;
 use self::{
     emission::{Photon, bounce, emit},
     field::Field,
     footprint::Footprint,
+    gather::Shining,
+    glossy::Mirror,
     splat::{Splat, splat},
     split::Split,
 };
-use super::{Point, Points, triangles::Triangles};
+pub use self::{gather::Gathered, glossy::Mirrored};
+use super::{Point, Points, environment::of_frames, triangles::Triangles};
 use crate::{Directions, Error, MapParams, Result};
 
 /// Who finds whom: photons the pixels that they light, or points the photons that light them.
@@ -76,7 +80,8 @@ pub struct PhotonParams {
     pub deposit: Deposit,
     /// What splitting does to the differentials of parts that are splatted.
     pub spread: Spread,
-    /// Diffuse reflections between the lights and what is lit; gathered if more than 1. 1 to 16.
+    /// Diffuse reflections between the lights and what is lit; gathered unless 1. 0 to 16; with 0 there is light straight from the
+    /// environment, and from the lights if [`direct`](Self::direct), alone.
     pub bounces: u32,
     /// Directions in which photons go on to the second reflection; a half of them to the third, and so on. 1 to 1024.
     pub branches: u32,
@@ -85,9 +90,9 @@ pub struct PhotonParams {
     pub splat_size: f32,
     /// How far a splat reaches out of its plane, in its own mean radii: what a of Eq. (7) is for. Positive.
     pub flatness: f32,
-    /// Whether light that comes straight from the lights is splatted too.
+    /// Whether light that comes straight from the lights is that of photons too (§6). The environment is none of them.
     pub direct: bool,
-    /// Whether the environment sends photons.
+    /// Whether the environment shines: it sends photons, and lights the points from which maps see nothing in its way.
     pub environment: bool,
     /// Which part of the materials counts.
     pub materials: Materials,
@@ -143,14 +148,14 @@ impl PhotonParams {
                 "it must be 1 to 65536",
             ));
         }
-        if !(1..=16).contains(&self.bounces) {
+        if self.bounces > 16 {
             return Err(Error::parameter(
                 "the number of bounces",
                 self.bounces,
-                "it must be 1 to 16",
+                "it must be 0 to 16",
             ));
         }
-        if self.bounces > 1 && self.deposit == Deposit::Splatted {
+        if self.bounces != 1 && self.deposit == Deposit::Splatted {
             return Err(Error::parameter(
                 "the number of bounces",
                 self.bounces,
@@ -205,6 +210,8 @@ pub struct Lit {
     pub indirect: Vec<Vec3>,
     /// The same straight from the lights; empty unless [`PhotonParams::direct`].
     pub direct: Vec<Vec3>,
+    /// The same straight from the environment; empty where photons are splatted.
+    pub sky: Vec<Vec3>,
     /// Watts that left the lights.
     pub power: Vec3,
     /// Photons that met a surface, of all bounces, and their parts that were splatted.
@@ -239,7 +246,7 @@ pub fn light<T: Tracer + ?Sized>(
     let (mut lit, photons) = emitted(triangles, exact, params)?;
     let screen = splatted.then(|| Screen::new(seen, camera));
     if let Some(screen) = screen.as_ref().filter(|_| params.direct) {
-        let landed: Vec<Splat> = photons[0]
+        let landed: Vec<Splat> = of_lights(triangles.scene(), exact, &photons, params)
             .par_iter()
             .filter_map(|photon| primary(screen, photon, params))
             .collect();
@@ -274,8 +281,10 @@ pub fn light<T: Tracer + ?Sized>(
             lit = emitted.lit;
             lit.passes.extend(passes);
             lit.indirect = vec![Vec3::ZERO; seen.pixels.len()];
+            lit.sky = lit.indirect.clone();
             for (&index, light) in points.indices.iter().zip(light) {
                 lit.indirect[index as usize] = light.irradiance();
+                lit.sky[index as usize] = light.sky_irradiance();
             }
         }
     }
@@ -285,7 +294,11 @@ pub fn light<T: Tracer + ?Sized>(
 /// Photons where they landed, ready to light any points: pixels, vertices or texels alike.
 pub struct Photons<'a> {
     triangles: &'a Triangles<'a>,
+    /// What surfaces send on.
     field: Field,
+    /// What arrives at them straight from the lights.
+    direct: Field,
+    sky: Vec<[Vec3; 2]>,
     params: PhotonParams,
     lit: Lit,
 }
@@ -303,8 +316,18 @@ impl<'a> Photons<'a> {
     ) -> Result<Self> {
         params.check()?;
         let params = &params.without_gaps();
-        let (lit, photons) = emitted(triangles, exact, params)?;
-        Ok(Self::of(triangles, exact, lit, photons, params))
+        let (mut lit, photons) = emitted(triangles, exact, params)?;
+        let direct = match params.direct {
+            true => Pass::timed(&mut lit.passes, "field", || {
+                let arriving = of_lights(triangles.scene(), exact, &photons, params);
+                (Field::new(exact, &arriving, |_| Vec3::ONE, params), [0, 0])
+            }),
+            false => Field::default(),
+        };
+        Ok(Self {
+            direct,
+            ..Self::of(triangles, exact, lit, photons, params)
+        })
     }
 
     fn of<T: Tracer + ?Sized>(
@@ -315,11 +338,19 @@ impl<'a> Photons<'a> {
         params: &PhotonParams,
     ) -> Self {
         let field = Pass::timed(&mut lit.passes, "field", || {
-            (Field::new(exact, &photons.concat(), params), [0, 0])
+            let sent = |photon: &Photon| photon.albedo;
+            (Field::new(exact, &photons.concat(), sent, params), [0, 0])
         });
+        let (maps, environment) = (params.maps.maps, &triangles.scene().environment);
+        let sky = match params.environment {
+            true => of_frames(environment, maps, params.seed, params.frames),
+            false => Vec::new(),
+        };
         Self {
             triangles,
             field,
+            direct: Field::default(),
+            sky,
             params: *params,
             lit,
         }
@@ -334,8 +365,54 @@ impl<'a> Photons<'a> {
         part: [u32; 2],
         progress: &dyn Progress,
     ) -> (Vec<Gathered>, [Pass; 2]) {
-        let (triangles, field) = (self.triangles, &self.field);
-        gather::gather(triangles, field, points, part, &self.params, progress)
+        let shining = Shining {
+            field: &self.field,
+            sky: &self.sky,
+        };
+        gather::gather(
+            self.triangles,
+            shining,
+            points,
+            part,
+            &self.params,
+            progress,
+        )
+    }
+
+    /// Whether [`light`](Self::light) finds anything.
+    pub fn is_dark(&self) -> bool {
+        self.field.is_empty() && self.sky.is_empty()
+    }
+
+    /// Irradiance of points straight from the lights by the photons around them, W/m²; none unless [`PhotonParams::direct`].
+    /// What is seen through the maps of the environment is not in it.
+    pub fn direct(&self, points: &Points) -> Vec<Vec3> {
+        let arriving = |point: &Point| {
+            self.direct
+                .radiosity(point.position, point.geometric_normal)
+        };
+        points.points.par_iter().map(arriving).collect()
+    }
+
+    /// What arrives at points from unit directions above them, such as those that mirrors reflect, in their order: what the nearest
+    /// direction of the maps meets (§6). What it took stands beside.
+    pub fn mirrored(
+        &self,
+        points: &Points,
+        towards: &[Vec3],
+        progress: &dyn Progress,
+    ) -> (Vec<Mirrored>, [Pass; 2]) {
+        let environment = match self.params.environment {
+            true => &self.triangles.scene().environment,
+            false => &Environment::Black,
+        };
+        let mirror = Mirror {
+            triangles: self.triangles,
+            field: &self.field,
+            environment,
+            params: &self.params,
+        };
+        mirror.look(points, towards, progress)
     }
 
     /// Watts that left the lights.
@@ -361,6 +438,9 @@ fn emitted<T: Tracer + ?Sized>(
     let scene = triangles.scene();
     let mut lit = Lit::default();
     let mut photons = Vec::new();
+    if params.bounces == 0 {
+        return Ok((lit, photons));
+    }
     Pass::timed(&mut lit.passes, "emission", || {
         let (first, power) = emit(scene, exact, params);
         lit.power = power;
@@ -374,6 +454,26 @@ fn emitted<T: Tracer + ?Sized>(
         ((), [lit.photons[0], 0])
     });
     Ok((lit, photons))
+}
+
+/// The photons of lights alone where they landed first.
+fn of_lights<T: Tracer + ?Sized>(
+    scene: &Scene,
+    exact: &T,
+    photons: &[Vec<Photon>],
+    params: &PhotonParams,
+) -> Vec<Photon> {
+    let shines = params.environment && !scene.environment.is_black();
+    match photons.first() {
+        Some(first) if !shines => first.clone(),
+        _ => {
+            let lamps = PhotonParams {
+                environment: false,
+                ..*params
+            };
+            emit(scene, exact, &lamps).0
+        }
+    }
 }
 
 /// A photon's own splat on the first surface.

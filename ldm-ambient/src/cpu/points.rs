@@ -96,20 +96,29 @@ impl Points {
         Self::look(scene, tracer, camera, size, sample, place_of).0
     }
 
-    /// The same, and what of the light each point reflects diffusely.
-    pub fn with_albedos<T: Tracer + ?Sized>(
+    /// The same, and what is seen there.
+    pub fn with_seen<T: Tracer + ?Sized>(
         scene: &Scene,
         tracer: &T,
         camera: &Camera,
         size: [u32; 2],
         sample: u32,
         (normals, materials): (Normals, Materials),
-    ) -> (Self, Vec<Vec3>) {
+    ) -> (Self, Vec<Seen>) {
         let place_of = |scene: &Scene, hit: &Hit, view| {
             let seen = Seen::new(scene, scene.surface_point(hit), view, materials);
-            (Point::new(&seen.point, seen.view, normals), seen.albedo())
+            (Point::new(&seen.point, seen.view, normals), seen)
         };
         Self::look(scene, tracer, camera, size, sample, place_of)
+    }
+
+    /// Surfaces that are seen from somewhere, on the sides from which they are; each is its own index.
+    pub fn of_seen(seen: &[Seen], normals: Normals) -> Self {
+        let point = |seen: &Seen| Point::new(&seen.point, seen.view, normals);
+        Self {
+            points: seen.iter().map(point).collect(),
+            indices: (0..seen.len() as u32).collect(),
+        }
     }
 
     fn look<T: Tracer + ?Sized, R: Send>(

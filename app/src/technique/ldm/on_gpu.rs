@@ -11,7 +11,9 @@ use isophote_scene::{
     reference::{Progress, Quantity},
 };
 
-use super::{DepositChoice, Found, LdmTechnique, OcclusionChoice};
+use super::{
+    DepositChoice, Found, GlossyChoice, LdmTechnique, Light, Lit, OcclusionChoice, is_direct,
+};
 use crate::{
     gpu::Gpu,
     reference::{Made, Order},
@@ -95,6 +97,14 @@ fn find_light(
         technique.ldm_deposit != Some(DepositChoice::Gathered),
         "--ldm-deposit gathered runs on the CPU: leave out --device gpu and --adapter, and choose a tracer there"
     );
+    ensure!(
+        technique.ldm_glossy != Some(GlossyChoice::Nearest),
+        "--ldm-glossy nearest runs on the CPU: leave out --device gpu and --adapter, and choose a tracer there"
+    );
+    ensure!(
+        !order.wants(is_direct),
+        "the technique ldm finds direct light on the CPU: leave out --device gpu and --adapter, and choose a tracer there"
+    );
     let params = technique.photons(order, DepositChoice::Splatted);
     let mut photons = Photons::new(
         &gpu.context,
@@ -105,7 +115,14 @@ fn find_light(
         order.size,
     )?;
     let (light, passes) = photons.render(&gpu.context, world, order.camera, progress)?;
-    found.light([light.radiance, light.irradiance]);
+    let lit = Lit {
+        indirect: Light {
+            radiance: light.radiance,
+            irradiance: light.irradiance,
+        },
+        ..Lit::default()
+    };
+    found.light(lit, order);
     found.passes.extend(passes);
     Ok(())
 }

@@ -33,7 +33,7 @@ impl<T: Tracer + ?Sized> Cutter<'_, T> {
     /// The photons of a square of a light's view, which may be halved so many times.
     pub(super) fn land(
         &self,
-        face: &Face<'_>,
+        face: &Face,
         at: Vec2,
         side: f32,
         halvings: u32,
@@ -67,13 +67,7 @@ impl<T: Tracer + ?Sized> Cutter<'_, T> {
     }
 
     /// How many of the places around a photon meet a surface, and how many that of its footprint.
-    fn probe(
-        &self,
-        face: &Face<'_>,
-        at: Vec2,
-        side: f32,
-        footprint: Option<&Footprint>,
-    ) -> (u32, u32) {
+    fn probe(&self, face: &Face, at: Vec2, side: f32, footprint: Option<&Footprint>) -> (u32, u32) {
         let reach = 0.5 * self.params.splat_size * side;
         let (mut met, mut same) = (0, 0);
         for probe in 0..PROBES {

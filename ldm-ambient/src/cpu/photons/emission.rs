@@ -1,11 +1,11 @@
-//! Stage 7, photons leave the lights (§4.2): each pixel of a light's view is one. What emits otherwise, spheres, triangles and
-//! the environment, sends photons from a low-discrepancy sequence, whose differentials are what one of so many stands for.
+//! Stage 7, photons leave the lights (§4.2): each pixel of a light's view is one. What emits otherwise, spheres and triangles,
+//! sends photons from a low-discrepancy sequence, whose differentials are what one of so many stands for.
 
 use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
 use isophote_scene::{
-    Emission, Environment, Ray, Scene, Seen, SurfaceId, Tracer,
+    Emission, Environment, Light, LightKind, Ray, Scene, Seen, SurfaceId, Tracer,
     sample::{Frame, Sampler},
 };
 use rayon::prelude::*;
@@ -52,7 +52,7 @@ pub(crate) fn emit<T: Tracer + ?Sized>(
     if params.deposit == Deposit::Splatted {
         return (leaving.par_iter().filter_map(alone).collect(), power);
     }
-    let faces = faces(scene, params.raster);
+    let faces = faces(scene, params.raster, params.environment);
     let pixels = faces
         .iter()
         .flat_map(|face| face.pixels().map(move |at| (face, at)));
@@ -75,7 +75,7 @@ pub(crate) fn emit<T: Tracer + ?Sized>(
 
 /// The photons that leave all lights: those of their views first, each a pixel.
 pub(crate) fn leave(scene: &Scene, params: &PhotonParams) -> Vec<Leaving> {
-    let faces = faces(scene, params.raster);
+    let faces = faces(scene, params.raster, params.environment);
     let of_views = faces
         .iter()
         .flat_map(|face| face.pixels().map(|at| face.leave(at, 1.0)));
@@ -150,7 +150,7 @@ pub(super) fn land<T: Tracer + ?Sized>(
     })
 }
 
-/// Photons of spheres, emissive triangles and the environment, as many as a point light has.
+/// Photons of spheres and emissive triangles, as many as a point light has.
 fn leave_others(scene: &Scene, params: &PhotonParams) -> Vec<Leaving> {
     let others = Scene {
         lights: scene
@@ -159,11 +159,7 @@ fn leave_others(scene: &Scene, params: &PhotonParams) -> Vec<Leaving> {
             .filter(|light| !has_view(light))
             .cloned()
             .collect(),
-        environment: if params.environment {
-            scene.environment.clone()
-        } else {
-            Environment::Black
-        },
+        environment: Environment::Black,
         ..scene.clone()
     };
     if !others.has_light() {
@@ -171,7 +167,6 @@ fn leave_others(scene: &Scene, params: &PhotonParams) -> Vec<Leaving> {
     }
     let emission = Emission::new(&others);
     let count = 6 * params.raster * params.raster;
-    let radius = 0.5 * scene.bounds().diagonal();
     // Of the directions and of the places one photon has the square root of its share, had they a raster of four dimensions.
     // Each place of a surface, which has two, is then met by √count of them.
     let share = (1.0 / count as f32).sqrt() * OVERLAP;
@@ -180,7 +175,7 @@ fn leave_others(scene: &Scene, params: &PhotonParams) -> Vec<Leaving> {
         let particle = emission.emit(sampler.get_1d(0), sampler.get_2d(1), sampler.get_2d(2))?;
         let frame = Frame::new(particle.ray.direction);
         let area = match particle.start {
-            SurfaceId::UNKNOWN => PI * radius * radius,
+            SurfaceId::UNKNOWN => sphere_area(&others, particle.ray.origin),
             surface => {
                 let [a, b, c] =
                     [Vec2::ZERO, Vec2::X, Vec2::Y].map(|uv| scene.point_on(surface, uv).position);
@@ -199,4 +194,15 @@ fn leave_others(scene: &Scene, params: &PhotonParams) -> Vec<Leaving> {
         })
     };
     (0..count).filter_map(leave).collect()
+}
+
+/// The area of the shining sphere that a place is on, m².
+fn sphere_area(scene: &Scene, place: Vec3) -> f32 {
+    let sphere = |light: &Light| match light.kind {
+        LightKind::Point { radius } => Some((place.distance(light.position()) - radius, radius)),
+        _ => None,
+    };
+    let spheres = scene.lights.iter().filter_map(sphere);
+    let nearest = spheres.min_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
+    nearest.map_or(0.0, |(_, radius)| 4.0 * PI * radius * radius)
 }

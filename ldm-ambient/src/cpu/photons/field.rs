@@ -17,7 +17,9 @@ const CELLS: f32 = 4e6;
 const ENTRIES: u64 = 1 << 26;
 /// Points of a footprint at which is asked whether there is a surface.
 const PROBES: u32 = 16;
-/// Light that leaves surfaces diffusely, everywhere.
+
+/// Light that leaves surfaces diffusely, everywhere; or that arrives there.
+#[derive(Default)]
 pub(crate) struct Field {
     footprints: Vec<Footprint>,
     low: Vec3,
@@ -30,18 +32,19 @@ pub(crate) struct Field {
 }
 
 impl Field {
-    /// What photons light is what their surfaces send on. A footprint that reaches beyond its surface has all of its light
-    /// on what there is: an edge or a wall does not take it away.
+    /// Of what photons bring so much: what they light is what their surfaces send on where that is their albedo. A footprint
+    /// that reaches beyond its surface has all of its light on what there is: an edge or a wall does not take it away.
     pub(crate) fn new<T: Tracer + ?Sized>(
         exact: &T,
         photons: &[Photon],
+        share: impl Fn(&Photon) -> Vec3 + Sync,
         params: &PhotonParams,
     ) -> Self {
         let footprint = |photon: &Photon| {
             let mut footprint = Footprint::new(
                 photon.point.position,
                 photon.point.geometric_normal,
-                photon.albedo * photon.flux,
+                share(photon) * photon.flux,
                 photon.differential.position,
                 params,
             )?;
@@ -51,8 +54,14 @@ impl Field {
         };
         let lit = photons
             .par_iter()
-            .filter(|photon| photon.albedo != Vec3::ZERO);
+            .filter(|photon| share(photon) != Vec3::ZERO);
         Self::of_footprints(lit.filter_map(footprint).collect())
+    }
+
+    /// Whether there is no light.
+    #[inline]
+    pub(crate) fn is_empty(&self) -> bool {
+        self.footprints.is_empty()
     }
 
     fn of_footprints(footprints: Vec<Footprint>) -> Self {

@@ -4,8 +4,10 @@
 //! Both add the same parts. But a part that lands is smeared over the receiving surface, across its edges and its shadows, and
 //! here the map decides for each point alone; and a point asks few footprints, where a splat has many pixels. Any points
 //! can be lit: pixels, vertices, texels.
+//!
+//! A direction along which a map has nothing is the environment's (Fig. 11): points add what comes from its region of the sphere.
 
-use std::time::Instant;
+use std::{f32::consts::PI, time::Instant};
 
 use glam::{Vec2, Vec3};
 use isophote_scene::{Pass, reference::Progress};
@@ -14,9 +16,9 @@ use rayon::prelude::*;
 use super::{PhotonParams, field::Field};
 use crate::cpu::{
     Points, Triangles,
-    aim::Aim,
+    aim::{Aim, Layers},
     lanes::{LANES, Lanes, Simd, Work, with_registers},
-    maps::{Map, Scratch},
+    maps::{Extents, Map, Redrawn, Scratch},
     occlusion::MAPS,
     points::PointBlock,
     view::{View, longest_axis},
@@ -30,6 +32,7 @@ const CHUNK: usize = 32;
 struct Sums {
     weight: Lanes,
     light: [[f32; 3]; LANES],
+    sky: [Lanes; 3],
 }
 
 /// The light of a point by some of the maps.
@@ -37,91 +40,166 @@ struct Sums {
 pub struct Gathered {
     /// Σ cosθ B, W/m².
     pub light: Vec3,
+    /// Σ cosθ π L of the directions that meet nothing, L the environment's radiance there, W/m².
+    pub sky: Vec3,
     /// Σ cosθ.
     pub weight: f32,
 }
 
 impl Gathered {
-    /// W/m².
+    /// By light that bounced, W/m².
     pub fn irradiance(&self) -> Vec3 {
+        self.mean(self.light)
+    }
+
+    /// Straight from the environment, W/m².
+    pub fn sky_irradiance(&self) -> Vec3 {
+        self.mean(self.sky)
+    }
+
+    fn mean(&self, sum: Vec3) -> Vec3 {
         if self.weight > 0.0 {
-            self.light / self.weight
+            sum / self.weight
         } else {
             Vec3::ZERO
         }
     }
 }
 
+/// What points look for.
+#[derive(Clone, Copy)]
+pub(super) struct Shining<'a> {
+    /// Light on surfaces.
+    pub(super) field: &'a Field,
+    /// What comes from beyond along each direction of all frames, and along its opposite, W/(sr·m²); empty where nothing does.
+    pub(super) sky: &'a [[Vec3; 2]],
+}
+
 /// The light of points, in their order, by every so manyth map.
 pub(super) fn gather(
     triangles: &Triangles<'_>,
-    field: &Field,
+    shining: Shining<'_>,
     points: &Points,
-    [part, parts]: [u32; 2],
+    part: [u32; 2],
     params: &PhotonParams,
     progress: &dyn Progress,
 ) -> (Vec<Gathered>, [Pass; 2]) {
-    let blocks = PointBlock::pack(&points.points, triangles.origin);
-    let mut sums = vec![Sums::default(); blocks.len()];
-    let directions = params.directions();
-    let boxes: Vec<_> = blocks.chunks(LANES).map(PointBlock::bounds).collect();
-    let longest = longest_axis(&triangles.bounds);
-    let (origin, resolution) = (triangles.origin, params.maps.resolution);
-    let fit = |&direction: &Vec3| View::fit(direction, origin, &boxes, longest, resolution);
-    let views: Vec<View> = match points.is_empty() {
-        true => Vec::new(),
-        false => {
-            let directions = directions.iter().skip(part as usize);
-            directions.step_by(parts as usize).map(fit).collect()
-        }
+    let gathering = Gathering {
+        triangles,
+        shining,
+        points,
+        part,
+        params,
+        progress,
     };
-    let at_once = rayon::current_num_threads().clamp(MAPS[0], MAPS[1]);
-    let (mut building, mut gathering, mut done) = (0.0, 0.0, 0);
-    for some in views.chunks(at_once) {
-        let start = Instant::now();
-        let build = |scratch: &mut Scratch, view: &View| Map::build(triangles, *view, scratch);
-        let maps: Vec<Map> = some.par_iter().map_init(Scratch::default, build).collect();
-        building += start.elapsed().as_secs_f64();
-        let start = Instant::now();
-        let chunks = blocks.par_chunks(CHUNK).zip(sums.par_chunks_mut(CHUNK));
-        chunks.for_each(|(blocks, sums)| {
-            for map in &maps {
-                with_registers(Light {
-                    field,
-                    map,
-                    origin: triangles.origin,
-                    tolerance: params.maps.tolerance * map.view.pixel,
-                    blocks,
-                    sums,
-                });
-            }
+    if shining.field.is_empty() {
+        // Whether there is anything is all that is asked.
+        return gathering.by(|scratch, view| {
+            let mut map = Extents::default();
+            map.redraw(triangles, *view, None, scratch);
+            map
         });
-        gathering += start.elapsed().as_secs_f64();
-        done += some.len() as u64;
-        progress.advance(done, views.len() as u64);
     }
-    let lookups = (points.len() * views.len()) as u64;
-    let passes = [("maps", building, 0), ("gather", gathering, lookups)];
-    let passes = passes.map(|(name, seconds, rays)| Pass {
-        name,
-        rays,
-        seconds,
-        ..Pass::default()
-    });
-    let of_point = |index: usize| {
-        let (sums, lane) = (&sums[index / LANES], index % LANES);
-        Gathered {
-            light: Vec3::from_array(sums.light[lane]),
-            weight: sums.weight[lane],
-        }
-    };
-    ((0..points.len()).map(of_point).collect(), passes)
+    gathering.by(|scratch, view| Map::build(triangles, *view, scratch))
 }
 
-/// Lights some points along a map: E = Σ cosθ B / Σ cosθ over the directions, B the radiosity where they end.
-struct Light<'a> {
+struct Gathering<'a> {
+    triangles: &'a Triangles<'a>,
+    shining: Shining<'a>,
+    points: &'a Points,
+    part: [u32; 2],
+    params: &'a PhotonParams,
+    progress: &'a dyn Progress,
+}
+
+impl Gathering<'_> {
+    fn by<M: Layers + Send + Sync>(
+        &self,
+        build: impl Fn(&mut Scratch, &View) -> M + Sync,
+    ) -> (Vec<Gathered>, [Pass; 2]) {
+        let origin = self.triangles.origin;
+        let blocks = PointBlock::pack(&self.points.points, origin);
+        let mut sums = vec![Sums::default(); blocks.len()];
+        let ways = self.ways(&blocks);
+        let at_once = rayon::current_num_threads().clamp(MAPS[0], MAPS[1]);
+        let (mut building, mut gathering, mut done) = (0.0, 0.0, 0);
+        for some in ways.chunks(at_once) {
+            let start = Instant::now();
+            let build = |scratch: &mut Scratch, (view, sky): &(View, [Vec3; 2])| {
+                (build(scratch, view), *sky)
+            };
+            let maps: Vec<(M, [Vec3; 2])> =
+                some.par_iter().map_init(Scratch::default, build).collect();
+            building += start.elapsed().as_secs_f64();
+            let start = Instant::now();
+            let chunks = blocks.par_chunks(CHUNK).zip(sums.par_chunks_mut(CHUNK));
+            chunks.for_each(|(blocks, sums)| {
+                for (map, sky) in &maps {
+                    with_registers(Light {
+                        field: self.shining.field,
+                        map,
+                        sky: *sky,
+                        origin,
+                        tolerance: self.params.maps.tolerance * map.view().pixel,
+                        blocks,
+                        sums,
+                    });
+                }
+            });
+            gathering += start.elapsed().as_secs_f64();
+            done += some.len() as u64;
+            self.progress.advance(done, ways.len() as u64);
+        }
+        let lookups = (self.points.len() * ways.len()) as u64;
+        let passes = [("maps", building, 0), ("gather", gathering, lookups)];
+        let passes = passes.map(|(name, seconds, rays)| Pass {
+            name,
+            rays,
+            seconds,
+            ..Pass::default()
+        });
+        let of_point = |index: usize| sums[index / LANES].of(index % LANES);
+        ((0..self.points.len()).map(of_point).collect(), passes)
+    }
+
+    /// The views of this part's maps, fitted around the points, and what comes from beyond along them.
+    fn ways(&self, blocks: &[PointBlock]) -> Vec<(View, [Vec3; 2])> {
+        if blocks.is_empty() {
+            return Vec::new();
+        }
+        let boxes: Vec<_> = blocks.chunks(LANES).map(PointBlock::bounds).collect();
+        let longest = longest_axis(&self.triangles.bounds);
+        let (origin, resolution) = (self.triangles.origin, self.params.maps.resolution);
+        let [part, parts] = self.part.map(|number| number as usize);
+        let directions = self.params.directions().into_iter().enumerate();
+        let way = |(index, direction): (usize, Vec3)| {
+            let sky = self.shining.sky.get(index).copied().unwrap_or_default();
+            (
+                View::fit(direction, origin, &boxes, longest, resolution),
+                sky,
+            )
+        };
+        directions.skip(part).step_by(parts).map(way).collect()
+    }
+}
+
+impl Sums {
+    fn of(&self, lane: usize) -> Gathered {
+        Gathered {
+            light: Vec3::from_array(self.light[lane]),
+            sky: Vec3::from_array(self.sky.map(|channel| channel[lane])),
+            weight: self.weight[lane],
+        }
+    }
+}
+
+/// Lights some points along a map: E = Σ cosθ B / Σ cosθ over the directions, B the radiosity where they end, or π times the
+/// environment's radiance where they do not.
+struct Light<'a, M> {
     field: &'a Field,
-    map: &'a Map,
+    map: &'a M,
+    /// Along the map's direction, and along its opposite.
+    sky: [Vec3; 2],
     origin: Vec3,
     /// Metres.
     tolerance: f32,
@@ -129,17 +207,33 @@ struct Light<'a> {
     sums: &'a mut [Sums],
 }
 
-impl Work for Light<'_> {
+impl<M: Layers> Work for Light<'_, M> {
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
-        let view = &self.map.view;
+        let view = self.map.view();
         let corner = self.origin + view.low.x * view.right + view.low.y * view.up;
+        let [ahead, behind] = self.sky.map(|radiance| PI * radiance);
+        let (zero, infinite) = (simd.splat(0.0), simd.splat(f32::INFINITY));
+        let is_dark = self.sky == [Vec3::ZERO; 2];
         for (block, sums) in self.blocks.iter().zip(self.sums) {
             let aim = Aim::at(simd, self.map, block, self.tolerance);
             let weight = simd.add(simd.load(&sums.weight), aim.cosines);
             sums.weight = simd.store(weight);
-            let finite = simd.less(aim.ahead, simd.splat(f32::INFINITY));
-            let mut lit = simd.bits(simd.and(aim.above, finite));
+            let finite = simd.less(aim.ahead, infinite);
+            if !is_dark {
+                let open = simd.select(simd.and_not(aim.above, finite), aim.cosines, zero);
+                let is_behind = simd.less(aim.signs, zero);
+                for channel in 0..3 {
+                    let there = simd.splat(ahead[channel]);
+                    let radiosity = simd.select(is_behind, simd.splat(behind[channel]), there);
+                    let sum = simd.load(&sums.sky[channel]);
+                    sums.sky[channel] = simd.store(simd.add(sum, simd.mul(open, radiosity)));
+                }
+            }
+            let mut lit = match self.field.is_empty() {
+                true => 0,
+                false => simd.bits(simd.and(aim.above, finite)),
+            };
             let (signs, cosines) = (simd.store(aim.signs), simd.store(aim.cosines));
             let (depths, ahead) = (simd.store(aim.depths), simd.store(aim.ahead));
             let (columns, rows) = (simd.store(aim.columns), simd.store(aim.rows));

@@ -12,17 +12,22 @@ use crate::paper::{
 
 const TEXT: &str = "512 maps of 200². Splatted: every part of a photon lights the pixels around where it lands, as in the paper. \
     Gathered: every point looks along the maps for the photons that light it; the sums are the same, but nothing is smeared \
-    over what receives; photons are cut where they meet edges and shadows, and sent closer to each other where splats are \
-    narrower than two footprints. The share is of the last stage.";
+    over what receives; photons are cut where they meet edges and shadows, down to a quarter of their side, and sent closer to \
+    each other where splats are narrower than two footprints. Uncut: gathered, each photon as large as its pixel, as in the paper. \
+    The stages are shares of the time of the whole picture.";
 
 /// What is made: by whom, photons along a side, the size of splats.
-const CASES: [[&str; 3]; 9] = [
+const CASES: [[&str; 3]; 13] = [
     ["gathered", "16", "2"],
     ["gathered", "32", "2"],
     ["gathered", "64", "2"],
     ["gathered", "128", "2"],
     ["gathered", "64", "1"],
     ["gathered", "64", "4"],
+    ["uncut", "16", "2"],
+    ["uncut", "32", "2"],
+    ["uncut", "64", "2"],
+    ["uncut", "128", "2"],
     ["splatted", "64", "2"],
     ["splatted", "64", "1"],
     ["splatted", "128", "1"],
@@ -42,21 +47,33 @@ pub(super) fn measure(lab: &Lab) -> Measured {
         let name = format!("{title}-reference");
         let truth = lab.render(&name, &scene, &[&common[..], &reference].concat())?;
         let (mut by_photons, mut by_sizes) = (Vec::new(), Vec::new());
+        let mut by_uncut = Vec::new();
         for [deposit, raster, splat] in CASES {
-            let flags = [
-                format!("--ldm-deposit={deposit}"),
+            let way = match deposit {
+                "splatted" => "splatted",
+                _ => "gathered",
+            };
+            let mut flags = vec![
+                format!("--ldm-deposit={way}"),
                 format!("--ldm-photons={raster}"),
                 format!("--ldm-splat-size={splat}"),
             ];
+            if deposit == "uncut" {
+                flags.push(format!("--ldm-finest={raster}"));
+            }
             let mut all = [&common[..], &["--technique=ldm", maps]].concat();
             all.extend(flags.iter().map(String::as_str));
             let shot = lab.render(&format!("{title}-{deposit}-{raster}-{splat}"), &scene, &all)?;
             let [error, bias] = lab.compare(&shot, &truth)?;
-            let last = match deposit {
-                "gathered" => "gather",
-                _ => "splat",
+            let stages: &[&str] = match way {
+                "splatted" => &["emission", "maps", "split", "splat"],
+                _ => &["emission", "field", "maps", "gather"],
             };
-            let share = shot.pass_seconds(last)? / shot.seconds()?;
+            let mut shares = Vec::new();
+            for stage in stages {
+                let share = shot.pass_seconds(stage)? / shot.seconds()?;
+                shares.push(format!("{stage} {}", percent(share)));
+            }
             rows.push(vec![
                 scene.title.clone(),
                 deposit.to_owned(),
@@ -65,20 +82,23 @@ pub(super) fn measure(lab: &Lab) -> Measured {
                 percent(error),
                 signed(bias),
                 format!("{:.2} s", shot.seconds()?),
-                percent(share),
+                shares.join(", "),
             ]);
             numbers.push(json!({
                 "scene": scene.title, "deposit": deposit, "raster": raster, "splat_size": splat,
-                "rel_rmse": error, "bias": bias, "share": share, "seconds": shot.seconds()?,
+                "rel_rmse": error, "bias": bias, "seconds": shot.seconds()?,
                 "passes": shot.report["passes"], "command": shot.command,
             }));
+            if deposit == "uncut" {
+                by_uncut.push((raster.parse()?, error));
+            }
             if deposit == "gathered" && splat == "2" {
                 by_photons.push((raster.parse()?, error));
             }
             if deposit == "gathered" && raster == "64" {
                 by_sizes.push((splat.parse()?, error));
             }
-            if raster == "64" && splat == "2" {
+            if raster == "64" && splat == "2" && deposit != "uncut" {
                 pictures.push(Picture {
                     png: lab.png(&shot)?,
                     left: Some(lab.png(&truth)?),
@@ -87,11 +107,16 @@ pub(super) fn measure(lab: &Lab) -> Measured {
                 });
             }
         }
+        let uncut = format!("{}, uncut", scene.title);
         by_sizes.sort_by(|a: &(f64, f64), b| a.0.total_cmp(&b.0));
         for (curves, points) in [(&mut of_photons, by_photons), (&mut of_sizes, by_sizes)] {
             let name = scene.title.clone();
             curves.push(Curve { name, points });
         }
+        of_photons.push(Curve {
+            name: uncut,
+            points: by_uncut,
+        });
     }
     let plots = [
         ("photons along a side", of_photons),
@@ -110,7 +135,7 @@ pub(super) fn measure(lab: &Lab) -> Measured {
         "relRMSE",
         "bias",
         "time",
-        "its share",
+        "stages",
     ]);
     let section = Section {
         id: "indirect",
