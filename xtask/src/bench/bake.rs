@@ -45,7 +45,7 @@ pub(crate) struct Arguments {
     #[arg(long, default_value_t = 16)]
     maps: u32,
     /// A map has at most R² pixels; may be given more than once
-    #[arg(long, value_name = "R", default_values = ["200", "400"])]
+    #[arg(long, value_name = "R", default_values = ["128", "200"])]
     resolution: Vec<u32>,
     /// Threads
     #[arg(long, default_value_t = 2)]
@@ -102,7 +102,11 @@ struct Case {
 }
 
 /// Most steps until an error is small enough.
-const MOST: u32 = 16;
+const MOST: u32 = 64;
+
+/// Steps in which a number doubles: fine ones, since each number of maps is another set of directions, some of which fit a scene
+/// better than others.
+const STEPS: u32 = 8;
 
 /// Bakes and writes the report.
 pub(crate) fn run(arguments: &Arguments) -> Result<()> {
@@ -176,8 +180,9 @@ impl Bench<'_> {
                 "d_max {d_max}, {}: {:.2} s, {error:.2} grey levels",
                 case.flags, case.seconds
             );
-            // What more maps of one resolution do not change is their resolution's error.
-            let is_stuck = cases.last().is_some_and(|last| error > 0.98 * last.error);
+            // What twice as many maps of one resolution do not change is their resolution's error.
+            let before = cases.len().checked_sub(STEPS as usize);
+            let is_stuck = before.is_some_and(|before| error > 0.9 * cases[before].error);
             cases.push(case);
             if error <= self.arguments.rms || is_stuck {
                 break;
@@ -233,9 +238,9 @@ impl Bench<'_> {
     }
 }
 
-/// A number that doubles with every second step.
+/// A number that doubles every so many steps.
 fn steps(first: u32, step: u32) -> u32 {
-    (f64::from(first) * (0.5 * f64::from(step)).exp2()).round() as u32
+    (f64::from(first) * (f64::from(step) / f64::from(STEPS)).exp2()).round() as u32
 }
 
 /// The seconds at which an error would be reached, between the last case above it and the first one below.
