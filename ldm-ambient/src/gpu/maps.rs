@@ -27,10 +27,11 @@ use crate::{Result, cpu::view::View};
 /// How all layers of a pixel are found on a GPU: the same layers in the same order.
 ///
 /// Lists are drawn once and sums twice, but lists are slower to walk along. On a software adapter with two threads (llvmpipe,
-/// `benches/gpu.rs`, 200² pixels a map), `builtin:office` with a `d_max` of 1.5 m takes 36 ms a map with lists and 39 ms with sums for
-/// 800² points, of which asking are 20 and 13 ms; 26 and 36 ms for 160 × 120 points. `builtin:cornell` with 0.3 m takes 7.1 and 8.8 ms
-/// for 400² points, of which asking are 5.3 and 4.0 ms. So lists are faster for few points, and sums from some 700,000 on, as pictures
-/// in full size have.
+/// `benches/gpu.rs`, 200² pixels a map), a map takes with lists and with sums: in `builtin:office` with a `d_max` of 1.5 m 36 and
+/// 39 ms for 800² points, of which asking are 20 and 13 ms, and 26 and 36 ms for 160 × 120 points; in Sponza (66,000 triangles) with
+/// 12 m 57 and 74 ms for 800² points; in `builtin:cornell` with 0.3 m 7.1 and 8.8 ms for 400² points, of which asking are 5.3 and
+/// 4.0 ms. So lists are faster there, up to some 0.3 to 4 million points by the number of triangles. Sums are the default all the
+/// same: no invocation waits for what another one writes, which a device need not let happen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum BuildMethod {
     /// The paper's: linked lists that are sorted while they are built.
