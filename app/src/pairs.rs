@@ -73,13 +73,13 @@ pub(crate) fn check(
                 tracer.name()
             );
         }
-    }
-    if let Some(why) = technique.refuses(tracer) {
-        bail!(
-            "the technique {} does not go with the tracer {} this way: {why}",
-            choice.name(),
-            tracer.name()
-        );
+        if let Some(why) = technique.refuses(tracer, quantity) {
+            bail!(
+                "{quantity} by the technique {} does not go with the tracer {} this way: {why}",
+                choice.name(),
+                tracer.name()
+            );
+        }
     }
     Ok(())
 }

@@ -74,9 +74,9 @@ pub(crate) trait Technique {
         quantity.needs()
     }
 
-    /// Why it cannot use a tracer although that answers enough.
-    fn refuses(&self, tracer: Choice) -> Option<&'static str> {
-        let _ = tracer;
+    /// Why it cannot use a tracer for a quantity although that answers enough.
+    fn refuses(&self, tracer: Choice, quantity: Quantity) -> Option<&'static str> {
+        let _ = (tracer, quantity);
         None
     }
 

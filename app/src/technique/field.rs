@@ -35,7 +35,7 @@ impl Technique for Field {
         Some(AnyTracer::Field)
     }
 
-    fn refuses(&self, tracer: Choice) -> Option<&'static str> {
+    fn refuses(&self, tracer: Choice, _: Quantity) -> Option<&'static str> {
         let is_other = tracer.name() != AnyTracer::Field.name();
         is_other.then_some(
             "it is the tracer field; leave out --tracer, or choose the technique reference",

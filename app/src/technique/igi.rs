@@ -221,7 +221,7 @@ impl Technique for IgiTechnique {
         Answers::Occlusion
     }
 
-    fn refuses(&self, tracer: Choice) -> Option<&'static str> {
+    fn refuses(&self, tracer: Choice, _: Quantity) -> Option<&'static str> {
         let by_maps = self.igi_visibility == VisibilityChoice::Maps;
         (by_maps && tracer.is_of_boxes()).then_some(
             "boxes that hold an end of a ray do not count, but a shadow map is filled before it is known where rays end; take \

@@ -11,9 +11,7 @@ use isophote_scene::{
     reference::{Progress, Quantity},
 };
 
-use super::{
-    DepositChoice, Found, GlossyChoice, LdmTechnique, Light, Lit, OcclusionChoice, is_direct,
-};
+use super::{DepositChoice, Found, GlossyChoice, LdmTechnique, Light, Lit, OcclusionChoice};
 use crate::{
     gpu::Gpu,
     reference::{Made, Order},
@@ -100,10 +98,6 @@ fn find_light(
     ensure!(
         technique.ldm_glossy != Some(GlossyChoice::Nearest),
         "--ldm-glossy nearest runs on the CPU: leave out --device gpu and --adapter, and choose a tracer there"
-    );
-    ensure!(
-        !order.wants(is_direct),
-        "the technique ldm finds direct light on the CPU: leave out --device gpu and --adapter, and choose a tracer there"
     );
     let params = technique.photons(order, DepositChoice::Splatted);
     let mut photons = Photons::new(
