@@ -356,8 +356,8 @@ fn a_scene_is_looked_at_from_all_sides() {
 
     // The next technique that can be.
     window.press("t");
-    window.wait_for_title("reference by bvh, finished");
-    assert_eq!(window.picture().attributes["technique"], "reference");
+    window.wait_for_title("ldm by bvh, finished");
+    assert_eq!(window.picture().attributes["technique"], "ldm");
     window.close();
 }
 
