@@ -25,6 +25,8 @@ pub struct DirectLight<'a, T: Tracer + ?Sized> {
     lights: LightSampler<'a>,
     /// Whether any light without geometry has an extent.
     is_extended: bool,
+    /// Whether the environment is asked.
+    has_environment: bool,
 }
 
 impl<'a, T: Tracer + ?Sized> DirectLight<'a, T> {
@@ -38,6 +40,15 @@ impl<'a, T: Tracer + ?Sized> DirectLight<'a, T> {
                 .lights
                 .iter()
                 .any(|light| matches!(light.kind, LightKind::Point { radius } if radius > 0.0)),
+            has_environment: !scene.environment.is_black(),
+        }
+    }
+
+    /// The same without the environment, for those who find its light another way.
+    pub fn without_environment(scene: &'a Scene, tracer: &'a T) -> Self {
+        Self {
+            has_environment: false,
+            ..Self::new(scene, tracer)
         }
     }
 
@@ -62,7 +73,7 @@ impl<'a, T: Tracer + ?Sized> DirectLight<'a, T> {
                 sum += scattered;
             }
         };
-        let can_be_hit = self.lights.can_be_hit();
+        let can_be_hit = self.can_be_hit();
         // Random numbers are worth their time only where they are used.
         let pair = |dimension, is_used| match is_used {
             true => sampler.get_2d(dimension),
@@ -88,15 +99,21 @@ impl<'a, T: Tracer + ?Sized> DirectLight<'a, T> {
                 .lights
                 .sample_emitters(point.position, choices.y, sampler.get_2d(2));
             emitter.map(&mut add);
-            self.lights
-                .sample_environment(sampler.get_2d(3))
-                .map(&mut add);
+        }
+        if self.has_environment {
+            let sky = self.lights.sample_environment(sampler.get_2d(3));
+            sky.map(&mut add);
         }
         (sum, rays)
     }
 
     /// Whether a sample differs from another: there are lights with an extent, or too many.
     pub fn is_noisy(&self) -> bool {
-        self.lights.can_be_hit() || self.scene.lights.len() > FEW || self.is_extended
+        self.can_be_hit() || self.scene.lights.len() > FEW || self.is_extended
+    }
+
+    /// Whether light is asked that rays can meet by chance.
+    fn can_be_hit(&self) -> bool {
+        self.lights.has_emitters() || self.has_environment
     }
 }

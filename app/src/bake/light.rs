@@ -22,7 +22,7 @@ use isophote_ldm_ambient::{
     },
 };
 use isophote_scene::{
-    Aabb, Bsdf, DirectLight, Environment, Receiver, Receivers, Scene, Selection, Tracer,
+    Aabb, Bsdf, DirectLight, Receiver, Receivers, Scene, Selection, Tracer,
     reference::{self, Progress, Quantity, Settings, Tracers},
     sample::{Sampler, hash},
 };
@@ -261,11 +261,7 @@ impl Light<'_> {
 
     /// Light straight from the lights, by rays, and from the environment, by the maps.
     fn direct(&self, receivers: &Receivers, sky: &[Gathered]) -> (Vec<Vec3>, u64) {
-        let scene = Scene {
-            environment: Environment::Black,
-            ..self.scene.clone()
-        };
-        let lights = DirectLight::new(&scene, self.tracers.exact);
+        let lights = DirectLight::without_environment(self.scene, self.tracers.exact);
         let samples = match lights.is_noisy() {
             true => self.settings.samples,
             false => 1,

@@ -104,7 +104,12 @@ impl<'a> LightSampler<'a> {
 
     /// Whether a ray can find light: on an emissive triangle or outside the scene.
     pub(crate) fn can_be_hit(&self) -> bool {
-        !self.emitters.is_empty() || !self.scene.environment.is_black()
+        self.has_emitters() || !self.scene.environment.is_black()
+    }
+
+    /// Whether there are emissive triangles.
+    pub(crate) fn has_emitters(&self) -> bool {
+        !self.emitters.is_empty()
     }
 
     /// One of the lights without geometry, chosen by `contribution` of its unoccluded light (a function of

@@ -9,7 +9,7 @@ use isophote_ldm_ambient::{
     cpu::{Points, Triangles, photons::Gathered},
 };
 use isophote_scene::{
-    Bsdf, DirectLight, Environment, Pass, Scene, Seen, SurfaceMaterial, Tracer,
+    Bsdf, DirectLight, Pass, Seen, SurfaceMaterial, Tracer,
     reference::{Progress, Quantity},
     sample::Sampler,
 };
@@ -157,11 +157,7 @@ impl Lighting<'_, '_> {
             };
             return arriving.into_iter().zip(seen).map(share).collect();
         }
-        let scene = Scene {
-            environment: Environment::Black,
-            ..self.triangles.scene().clone()
-        };
-        let lights = DirectLight::new(&scene, self.exact);
+        let lights = DirectLight::without_environment(self.triangles.scene(), self.exact);
         let seed = self.order.settings.seed;
         let lit = |(&pixel, seen): (&u32, &Seen)| {
             let sampler = Sampler::new(seed, pixel, sample);
