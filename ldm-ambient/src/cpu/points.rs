@@ -106,7 +106,11 @@ impl Points {
         (normals, materials): (Normals, Materials),
     ) -> (Self, Vec<Seen>) {
         let place_of = |scene: &Scene, hit: &Hit, view| {
-            let seen = Seen::new(scene, scene.surface_point(hit), view, materials);
+            let mut point = scene.surface_point(hit);
+            if normals == Normals::Flat {
+                point.shading_normal = point.geometric_normal;
+            }
+            let seen = Seen::new(scene, point, view, materials);
             (Point::new(&seen.point, seen.view, normals), seen)
         };
         Self::look(scene, tracer, camera, size, sample, place_of)

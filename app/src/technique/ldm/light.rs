@@ -152,7 +152,7 @@ impl Lighting<'_, '_> {
                 (photons.direct(points), [0, 0])
             });
             let share = |(irradiance, seen): (Vec3, &Seen)| Shares {
-                radiance: seen.albedo() / PI * irradiance,
+                radiance: shown(seen).unwrap_or_else(|| seen.albedo() / PI * irradiance),
                 irradiance,
             };
             return arriving.into_iter().zip(seen).map(share).collect();
@@ -163,11 +163,10 @@ impl Lighting<'_, '_> {
             let sampler = Sampler::new(seed, pixel, sample);
             let scattered = |bsdf| lights.scattered(&seen.point, seen.view, &bsdf, &sampler);
             let normal = seen.normal();
-            let bsdf = match seen.material.unlit {
-                true => Bsdf::diffuse(normal, Vec3::ZERO),
-                false => Bsdf::new(normal, &seen.material, seen.is_outside()),
+            let (radiance, rays) = match shown(seen) {
+                Some(color) => (color, 0),
+                None => scattered(Bsdf::new(normal, &seen.material, seen.is_outside())),
             };
-            let (radiance, rays) = scattered(bsdf);
             let (irradiance, more) = match self.order.wants(is_irradiance) {
                 true => scattered(Bsdf::diffuse(normal, Vec3::splat(PI))),
                 false => (Vec3::ZERO, 0),
@@ -276,6 +275,11 @@ impl Light {
     }
 }
 
+/// What is unlit shows its colour, whatever light there is.
+fn shown(seen: &Seen) -> Option<Vec3> {
+    seen.material.unlit.then_some(seen.material.base_color)
+}
+
 pub(super) fn is_direct(quantity: Quantity) -> bool {
     !quantity.is_occlusion()
         && !matches!(quantity, Quantity::Indirect | Quantity::IrradianceIndirect)
@@ -285,7 +289,7 @@ pub(super) fn is_bounced(quantity: Quantity) -> bool {
     !quantity.is_occlusion() && !matches!(quantity, Quantity::Direct | Quantity::IrradianceDirect)
 }
 
-fn is_irradiance(quantity: Quantity) -> bool {
+pub(super) fn is_irradiance(quantity: Quantity) -> bool {
     matches!(
         quantity,
         Quantity::IrradianceDirect | Quantity::IrradianceIndirect | Quantity::IrradiancePath
