@@ -1,4 +1,4 @@
-//! Occlusion and the light of photons on a GPU, stage by stage as [`crate::cpu`]:
+//! Occlusion, direct light and the light of photons on a GPU, stage by stage as [`crate::cpu`]:
 //!
 //! | stage | CPU | GPU |
 //! |---|---|---|
@@ -8,6 +8,7 @@
 //! | 4. maps | `cpu/{maps,reach}.rs` | `gpu/{maps,reach}.rs`, `shaders/{scan,sort,reach}.wesl` |
 //! | points | `cpu/points.rs` | `gpu/points.rs`, `shaders/points/*.wesl` |
 //! | 5., 6. tracing, occlusion | `cpu/{aim,occlusion}.rs` | `shaders/{aim,look_up,layers,resolve}.wesl` |
+//! | light straight from lights and sky | `cpu/photons/gather.rs` | `gpu/direct.rs`, `shaders/direct/*.wesl` |
 //! | 7. to 9. photons | `cpu/photons.rs` | `gpu/photons.rs`, `shaders/photons/*.wesl` |
 //!
 //! Maps are built anew for each picture, from where the scene's data on the device say that instances are: several at a
@@ -16,6 +17,7 @@
 //!
 //! A shader here binds at most 8 storage buffers, those of the scene and the tracer among them.
 
+pub mod direct;
 mod maps;
 pub mod photons;
 mod points;
@@ -60,6 +62,9 @@ pub const SHADERS: ShaderPackage = shader_package!(
         "aim",
         "batch",
         "cull",
+        "direct/lights",
+        "direct/resolve",
+        "direct/sky",
         "draw",
         "layers",
         "look_up",

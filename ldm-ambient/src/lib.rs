@@ -24,7 +24,7 @@
 //! | §3.4, D x and D d, transfer (Igehy 1999), rotation by α | `cpu/photons/differential.rs` |
 //! | §4.2, photons leave the light's view; splitting | `cpu/photons/{views,emission}.rs`, [`cpu::photons::light`] |
 //! | Eq. (4) to (7), footprints and splatting | `cpu/photons/footprint.rs`, `cpu/photons/splat.rs` |
-//! | Fig. 11, environment light through the maps | `cpu/environment.rs`, [`cpu::photons::Gathered::sky`] |
+//! | Fig. 11, environment light through the maps | `cpu/environment.rs`, [`cpu::photons::Gathered::sky`], `gpu/direct/sky.rs` |
 //! | §6, glossy by the nearest direction | `cpu/photons/glossy.rs`, [`Photons::mirrored`] |
 //! | §6, direct light from photons | [`PhotonParams::direct`], [`Photons::direct`] |
 //! | §6, multiple bounces over subsets of the directions | [`PhotonParams::bounces`], [`Directions::subset`] |

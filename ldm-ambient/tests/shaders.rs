@@ -3,13 +3,16 @@
 
 use std::sync::Arc;
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use isophote_ldm_ambient::{
     Deposit, Error, MapParams, OcclusionParams, PhotonParams,
-    gpu::{BuildMethod, GBufferPoints, Look, Occlusion, Points, Targets, photons::Photons},
+    gpu::{
+        BuildMethod, GBufferPoints, Look, Occlusion, Points, Targets, direct::Direct,
+        photons::Photons,
+    },
 };
 use isophote_scene::{
-    Alpha, Error as SceneError, Leaves, Selection, builtin,
+    Alpha, Environment, Error as SceneError, Leaves, Selection, builtin,
     gpu::{
         BuildGpuTracer, ComputeBvhTracer, Context, GBuffer, GpuScene, GpuTracer, Rasters,
         RayQueryTracer, reference::World,
@@ -142,6 +145,44 @@ fn photons_build() {
             ..fine
         };
         assert!(matches!(make(&gathered), Err(Error::Parameter { .. })));
+    }
+}
+
+#[test]
+fn direct_light_builds() {
+    let mut scene = builtin::build("builtin:cornell").unwrap();
+    scene.environment = Environment::Constant(Vec3::ONE);
+    let scene = Arc::new(scene);
+    let context = Context::noop();
+    let gpu_scene = GpuScene::new(&context, &scene).unwrap();
+    let selection = Selection::default();
+    let fine = PhotonParams {
+        maps: params(1.0).maps,
+        ..PhotonParams::default()
+    };
+    let tracers: [Box<dyn GpuTracer>; 2] = [
+        Box::new(ComputeBvhTracer::build(&context, &scene, &selection, &()).unwrap()),
+        Box::new(RayQueryTracer::build(&context, &scene, &selection, &()).unwrap()),
+    ];
+    for tracer in &tracers {
+        let world = World {
+            scene: &scene,
+            gpu_scene: &gpu_scene,
+            exact: &**tracer,
+            secondary: &**tracer,
+        };
+        let on = (&*scene, &gpu_scene);
+        let picture = (SIZE, true);
+        let mut direct = Direct::new(&context, on, &selection, &fine, &**tracer, picture).unwrap();
+        let made = direct.render(&context, world, &scene.cameras[0], 2, &|_, _| {});
+        // This device computes nothing, which is found out.
+        assert!(made.is_err());
+        let mut points = Points::new(&context, [8, 8]).unwrap();
+        let mut encoder = context.device().create_command_encoder(&Default::default());
+        let on = (&gpu_scene, &**tracer);
+        let look = (&scene.cameras[0], 0);
+        let seen = direct.see(&context, &mut encoder, on, look, &mut points, None);
+        assert!(matches!(seen, Err(Error::Parameter { .. })));
     }
 }
 

@@ -29,7 +29,6 @@ use super::Technique;
 use crate::{
     applies::Idle,
     reference::{Ground, Made, Order},
-    tracers::Choice,
 };
 
 /// How the technique `ldm` makes pictures.
@@ -166,13 +165,6 @@ impl Technique for LdmTechnique {
         let why = "the technique ldm counts maps: --ldm-maps";
         idle.extend(Idle::all(["spp"], why));
         idle
-    }
-
-    fn refuses(&self, tracer: Choice, quantity: Quantity) -> Option<&'static str> {
-        let on_gpu = matches!(tracer, Choice::Gpu(_));
-        (on_gpu && is_direct(quantity)).then_some(
-            "direct light is found on the CPU; leave out --device gpu and --adapter, and choose a tracer there",
-        )
     }
 
     fn has_own_tracer(&self) -> bool {

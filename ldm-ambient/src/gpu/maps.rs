@@ -104,7 +104,7 @@ pub(super) struct Batch {
     tolerance: f32,
     d_max: f32,
     tiles: u32,
-    padding: u32,
+    first: u32,
 }
 
 /// What maps are asked, beside where they are.
@@ -262,7 +262,10 @@ impl Builder {
         asked: Asked,
     ) -> Result<Series<'a>> {
         let views: Vec<&[View]> = views.chunks(self.most).collect();
-        let values: Vec<Batch> = views.iter().map(|views| self.batch(views, asked)).collect();
+        let firsts = (0..).step_by(self.most);
+        let values = views.iter().zip(firsts);
+        let values = values.map(|(views, first)| self.batch(views, first, asked));
+        let values: Vec<Batch> = values.collect();
         let batches = UniformArray::new(context, "maps", &values)?;
         let memory = &self.memory;
         let buffer = |binding, buffer: &'a Buffer| (binding, buffer.as_entire_binding());
@@ -316,7 +319,7 @@ impl Builder {
         })
     }
 
-    fn batch(&self, views: &[View], asked: Asked) -> Batch {
+    fn batch(&self, views: &[View], first: u32, asked: Asked) -> Batch {
         let mut batch = Batch {
             views: [MapView::zeroed(); BATCH],
             count: views.len() as u32,
@@ -327,7 +330,7 @@ impl Builder {
             // An infinite one is a large number.
             d_max: asked.d_max.min(1e37),
             tiles: self.tiles,
-            padding: 0,
+            first,
         };
         for (place, view) in batch.views.iter_mut().zip(views) {
             *place = MapView::new(view);

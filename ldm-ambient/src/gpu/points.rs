@@ -20,7 +20,7 @@ const BOX: usize = 64;
 /// `Asking` of points/store.wesl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
-struct Asking {
+pub(super) struct Asking {
     view: View,
     origin: Vec3,
     sample: u32,
@@ -87,7 +87,8 @@ impl Points {
         self.boxes = points.points.chunks(BOX).map(around).collect();
     }
 
-    fn look(&mut self, origin: Vec3, gpu_scene: &GpuScene, look: &Look<'_>) -> Asking {
+    /// Boxes around what a camera may see, and what a shader is told that finds its points.
+    pub(super) fn look(&mut self, origin: Vec3, gpu_scene: &GpuScene, look: &Look<'_>) -> Asking {
         let corners = seen_part(look.camera, self.size, &gpu_scene.bounds());
         self.boxes = corners
             .into_iter()

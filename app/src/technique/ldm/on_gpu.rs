@@ -1,7 +1,11 @@
 //! Occlusion and light by maps that a GPU builds.
 
 use anyhow::{Result, ensure};
-use isophote_ldm_ambient::gpu::{BuildMethod, Occlusion, photons::Photons};
+use isophote_ldm_ambient::gpu::{
+    BuildMethod, Occlusion,
+    direct::Direct,
+    photons::{self, Photons},
+};
 use isophote_scene::{
     Pass, Scene,
     gpu::{
@@ -11,7 +15,10 @@ use isophote_scene::{
     reference::{Progress, Quantity},
 };
 
-use super::{DepositChoice, Found, GlossyChoice, LdmTechnique, Light, Lit, OcclusionChoice};
+use super::{
+    DepositChoice, DirectChoice, Found, GlossyChoice, LdmTechnique, OcclusionChoice,
+    light::{Light, Lit, is_bounced, is_direct, is_irradiance},
+};
 use crate::{
     gpu::Gpu,
     reference::{Made, Order},
@@ -91,32 +98,51 @@ fn find_light(
     progress: &dyn Progress,
     found: &mut Found,
 ) -> Result<()> {
-    ensure!(
-        technique.ldm_deposit != Some(DepositChoice::Gathered),
-        "--ldm-deposit gathered runs on the CPU: leave out --device gpu and --adapter, and choose a tracer there"
-    );
-    ensure!(
-        technique.ldm_glossy != Some(GlossyChoice::Nearest),
-        "--ldm-glossy nearest runs on the CPU: leave out --device gpu and --adapter, and choose a tracer there"
-    );
+    let is_glossy = technique.ldm_glossy == Some(GlossyChoice::Nearest);
+    for (is_chosen, flag) in [
+        (
+            technique.ldm_deposit == Some(DepositChoice::Gathered),
+            "--ldm-deposit gathered",
+        ),
+        (is_glossy, "--ldm-glossy nearest"),
+        (
+            technique.ldm_direct == DirectChoice::Photons,
+            "--ldm-direct photons",
+        ),
+    ] {
+        ensure!(
+            !is_chosen,
+            "{flag} runs on the CPU: leave out --device gpu and --adapter, and choose a tracer there"
+        );
+    }
     let params = technique.photons(order, DepositChoice::Splatted);
-    let mut photons = Photons::new(
-        &gpu.context,
-        (world.scene, world.gpu_scene),
-        order.selection,
-        &params,
-        world.exact,
-        order.size,
-    )?;
-    let (light, passes) = photons.render(&gpu.context, world, order.camera, progress)?;
-    let lit = Lit {
-        indirect: Light {
+    let on = (world.scene, world.gpu_scene);
+    let mut lit = Lit::default();
+    if order.wants(is_direct) {
+        let picture = (order.size, order.wants(is_irradiance));
+        let (context, selection) = (&gpu.context, order.selection);
+        let mut direct = Direct::new(context, on, selection, &params, world.exact, picture)?;
+        let samples = technique.ldm_samples;
+        let (light, passes) = direct.render(context, world, order.camera, samples, progress)?;
+        lit.direct = light.into();
+        found.passes.extend(passes);
+    }
+    if order.wants(is_bounced) {
+        let (context, selection) = (&gpu.context, order.selection);
+        let mut photons = Photons::new(context, on, selection, &params, world.exact, order.size)?;
+        let (light, passes) = photons.render(context, world, order.camera, progress)?;
+        lit.indirect = light.into();
+        found.passes.extend(passes);
+    }
+    found.light(lit, order);
+    Ok(())
+}
+
+impl From<photons::Light> for Light {
+    fn from(light: photons::Light) -> Self {
+        Self {
             radiance: light.radiance,
             irradiance: light.irradiance,
-        },
-        ..Lit::default()
-    };
-    found.light(lit, order);
-    found.passes.extend(passes);
-    Ok(())
+        }
+    }
 }
