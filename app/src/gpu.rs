@@ -1,6 +1,8 @@
 //! A scene on a GPU, and who answers rays there.
 
-use std::sync::OnceLock;
+mod kept;
+
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use anyhow::Result;
 use isophote_ldi::gpu::LdiGpuTracer;
@@ -8,10 +10,11 @@ use isophote_scene::{
     Leaves,
     gpu::{
         AdapterChoice, BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, GpuTracer,
-        RayQueryBoxTracer, RayQueryTracer,
+        RayQueryBoxTracer, RayQueryTracer, reference::Integrator,
     },
 };
 
+use self::kept::Kept;
 use crate::{
     maps::static_part,
     tracers::{GpuTracerChoice, Plan},
@@ -26,6 +29,9 @@ pub(crate) struct Gpu {
     pub(crate) exact: Option<Box<dyn GpuTracer>>,
     /// Held by the tracer's own structures.
     pub(crate) bytes: usize,
+    /// The techniques' renderers of this scene by this tracer.
+    pub(crate) kept: Kept,
+    integrator: Mutex<Integrator>,
 }
 
 /// Whether there is a GPU that is hardware.
@@ -56,11 +62,21 @@ impl Gpu {
         } = build(choice, &context, plan)?;
         Ok(Self {
             scene: GpuScene::new(&context, plan.scene)?,
+            kept: Kept::default(),
+            integrator: Mutex::new(Integrator::new(&context)),
             context,
             tracer,
             exact,
             bytes: bytes as usize,
         })
+    }
+
+    /// The reference integrator, with the pipelines that it has needed so far.
+    pub(crate) fn integrator(&self) -> MutexGuard<'_, Integrator> {
+        // A picture that was given up leaves pipelines, which are whole.
+        self.integrator
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The adapter's name and driver.

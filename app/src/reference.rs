@@ -243,7 +243,9 @@ fn on_gpu(
     order: Order<'_>,
     progress: &dyn Progress,
 ) -> Result<Made> {
-    let mut integrator = gpu::reference::Integrator::new(&gpu.context);
+    let mut integrator = gpu.integrator();
+    // Those of a picture that was given up.
+    drop(integrator.take_times());
     let world = gpu::reference::World {
         scene,
         gpu_scene: &gpu.scene,

@@ -14,10 +14,7 @@ use isophote_scene::{
 };
 
 #[cfg(feature = "gpu")]
-use isophote_scene::gpu::{
-    GpuTracer,
-    reference::{Integrator, World},
-};
+use isophote_scene::gpu::{GpuTracer, reference::World};
 
 use super::Technique;
 #[cfg(feature = "gpu")]
@@ -282,13 +279,16 @@ fn on_gpu(
         exact,
         secondary: &*gpu.tracer,
     };
-    let gi = isophote_instant_gi::gpu::InstantGi::new(context, world, params, order.size)?;
+    let gi = gpu.kept.get((*params, order.size), || {
+        let new = isophote_instant_gi::gpu::InstantGi::new(context, world, params, order.size);
+        Ok(new?)
+    })?;
     let stages = gi.render(context, world, order.camera, progress)?;
     let passes = stages.passes.iter();
     let gpu_seconds = passes
         .map(|pass| (pass.name.to_owned(), pass.seconds))
         .collect();
-    let integrator = Integrator::new(context);
+    let mut integrator = gpu.integrator();
     let layers = integrator.layers(world, order.camera, order.size, Normals::Smooth)?;
     Ok(made(stages, layers, &order, gpu_seconds))
 }

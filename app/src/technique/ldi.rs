@@ -12,10 +12,7 @@ use isophote_scene::{
 };
 
 #[cfg(feature = "gpu")]
-use isophote_scene::gpu::{
-    GpuTracer, ShadowOptions,
-    reference::{Integrator, World},
-};
+use isophote_scene::gpu::{GpuTracer, ShadowOptions, reference::World};
 
 use super::Technique;
 #[cfg(feature = "gpu")]
@@ -194,8 +191,11 @@ fn on_gpu(
     };
     let params = args.params(&order);
     let shadow_maps = (args.ldi_shadows == ShadowsChoice::Maps).then(ShadowOptions::default);
-    let shadow_maps = shadow_maps.as_ref();
-    let hybrid = isophote_ldi::gpu::Hybrid::new(context, world, &params, order.size, shadow_maps)?;
+    let hybrid = gpu.kept.get((params, order.size, shadow_maps), || {
+        let (size, shadow_maps) = (order.size, shadow_maps.as_ref());
+        let hybrid = isophote_ldi::gpu::Hybrid::new(context, world, &params, size, shadow_maps);
+        Ok(hybrid?)
+    })?;
     let times = hybrid.render(context, world, order.camera, progress)?;
     let mut stages = hybrid.read(context)?;
     let times = times.into_iter();
@@ -205,7 +205,7 @@ fn on_gpu(
     for pass in &mut stages.passes {
         pass.seconds = gpu_seconds.get(pass.name).copied().unwrap_or_default();
     }
-    let integrator = Integrator::new(context);
+    let mut integrator = gpu.integrator();
     let layers = integrator.layers(world, order.camera, order.size, Normals::Smooth)?;
     Ok(made(stages, layers, &order, gpu_seconds))
 }

@@ -211,3 +211,61 @@ impl Studio {
         self.grounds.clear();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::{Args, Command};
+
+    use super::*;
+    use crate::{picture::PictureArgs, view::flags::Flags};
+
+    fn wish(technique: &str, camera: &str) -> Arc<Wish> {
+        let command = PictureArgs::augment_args(Command::new("view"));
+        let texts = format!(
+            "view builtin:cornell --device gpu --tracer compute-bvh --technique {technique} --camera {camera} --spp 2 \
+             --igi-paths 20 --materials lambert --size 40x30"
+        );
+        let matches = command.get_matches_from(texts.split_whitespace());
+        Arc::new(Flags::given(&matches).wish().unwrap())
+    }
+
+    fn picture(studio: &mut Studio, wish: &Arc<Wish>) -> Picture {
+        let step = Step {
+            size: wish.args.size,
+            samples: wish.args.spp,
+            seed: 0,
+        };
+        let made = studio.picture(wish, step, &|_| {}, &|_, _| {});
+        made.unwrap()
+    }
+
+    #[test]
+    fn what_is_kept_on_a_gpu_makes_the_pictures_of_what_is_new() {
+        if isophote_scene::gpu::adapters().is_empty() {
+            let required = std::env::var_os("ISOPHOTE_REQUIRE_GPU");
+            assert!(required.is_none_or(|value| value != "1"), "there is no GPU");
+            eprintln!("SKIPPED a GPU test: there is no adapter");
+            return;
+        }
+        let cameras = [
+            "0.28,0.27,-0.8,0.28,0.27,0,40",
+            "0.3,0.3,-0.6,0.28,0.27,0,50",
+        ];
+        for technique in ["reference", "ldi", "igi"] {
+            let [one, other] = cameras.map(|camera| wish(technique, camera));
+            let mut studio = Studio::new();
+            let first = picture(&mut studio, &one);
+            let second = picture(&mut studio, &other);
+            let again = picture(&mut studio, &one);
+            eprintln!(
+                "{technique}: {:.3} s, then {:.3} and {:.3} s",
+                first.seconds, second.seconds, again.seconds
+            );
+            assert!(second.build_seconds == 0.0 && again.build_seconds == 0.0);
+            assert!(first.values() == again.values(), "{technique}");
+            let new = picture(&mut Studio::new(), &other);
+            assert!(second.values() == new.values(), "{technique}");
+            assert!(first.values() != second.values(), "{technique}");
+        }
+    }
+}

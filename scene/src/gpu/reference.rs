@@ -19,7 +19,7 @@ mod tables;
 mod work;
 
 use self::{
-    passes::Passes,
+    passes::{Link, Passes},
     tables::{GpuSettings, ReceiverWords, receiver_words},
     work::{Sums, Work},
 };
@@ -51,6 +51,8 @@ pub struct World<'a> {
 pub struct Integrator {
     context: Context,
     passes: Passes,
+    /// For what a camera sees, and what it was linked of.
+    batch: Option<(Link, RayBatch)>,
     times: Vec<PassTime>,
 }
 
@@ -60,6 +62,7 @@ impl Integrator {
         Self {
             context: context.clone(),
             passes: Passes::default(),
+            batch: None,
             times: Vec::new(),
         }
     }
@@ -172,7 +175,7 @@ impl Integrator {
     /// # Errors
     /// [`Error::Parameter`] for a size of zero, and what [`RayBatch`] can return.
     pub fn layers(
-        &self,
+        &mut self,
         world: World<'_>,
         camera: &Camera,
         size: [u32; 2],
@@ -183,7 +186,11 @@ impl Integrator {
         let context = &self.context;
         let [width, height] = size;
         let mut layers = Layers::default();
-        let mut batch = RayBatch::new(context, world.gpu_scene, world.exact)?;
+        let link = Link::new("layers", world.gpu_scene, world.exact);
+        let mut batch = match self.batch.take() {
+            Some((of, batch)) if of == link => batch,
+            _ => RayBatch::new(context, world.gpu_scene, world.exact)?,
+        };
         let rows = (RAYS / width).max(1);
         for first in (0..height).step_by(rows as usize) {
             let rows = first..height.min(first.saturating_add(rows));
@@ -196,6 +203,7 @@ impl Integrator {
                 layers.push_row(world.scene, camera, normals, size, row);
             }
         }
+        self.batch = Some((link, batch));
         Ok(layers)
     }
 }

@@ -18,11 +18,22 @@ pub(super) struct Pass {
 
 /// What a pipeline is linked of.
 #[derive(Debug, PartialEq, Eq, Hash)]
-struct Link {
+pub(super) struct Link {
     pass: &'static str,
     tracer: &'static str,
     flags: Vec<&'static str>,
     scene_in_textures: bool,
+}
+
+impl Link {
+    pub(super) fn new(pass: &'static str, scene: &GpuScene, tracer: &dyn GpuTracer) -> Self {
+        Self {
+            pass,
+            tracer: tracer.module(),
+            flags: tracer.shader_flags().to_vec(),
+            scene_in_textures: scene.is_in_textures(),
+        }
+    }
 }
 
 /// The passes that have been needed so far, by how they were linked.
@@ -72,12 +83,7 @@ impl Passes {
         name: &'static str,
         tracer: &dyn GpuTracer,
     ) -> Result<Arc<ComputePass>> {
-        let link = Link {
-            pass: name,
-            tracer: tracer.module(),
-            flags: tracer.shader_flags().to_vec(),
-            scene_in_textures: scene.is_in_textures(),
-        };
+        let link = Link::new(name, scene, tracer);
         if let Some(pass) = self.0.get(&link) {
             return Ok(pass.clone());
         }
