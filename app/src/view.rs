@@ -38,7 +38,7 @@ use self::{
     camera::Viewpoint,
     flags::{Flags, Wish},
     parameters::Drafts,
-    save::Saver,
+    save::{Saver, Told},
     shown::Shown,
     worker::{News, Wanted, Worker},
 };
@@ -143,8 +143,9 @@ struct Viewer {
     movable: String,
     has_panel: bool,
     saver: Saver,
-    messages: Receiver<String>,
-    message: Option<String>,
+    messages: Receiver<Told>,
+    /// The last of them.
+    message: Option<Told>,
     title: String,
 }
 
@@ -273,7 +274,11 @@ impl Viewer {
         };
         let (technique, tracer) = (args.technique.name(), choice.name());
         let look = self.shown.title();
-        let title = format!("isophote: {scene}, {technique} by {tracer}, {state}, {look}");
+        let saved = match self.message {
+            Some(Err(_)) => ", not saved",
+            _ => "",
+        };
+        let title = format!("isophote: {scene}, {technique} by {tracer}, {state}, {look}{saved}");
         if title != self.title {
             context.send_viewport_cmd(ViewportCommand::Title(title.clone()));
             self.title = title;

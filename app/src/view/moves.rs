@@ -70,3 +70,38 @@ pub(super) fn set(flags: &mut Flags, shift: &Shift) {
     }
     flags.set("moves", all);
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::{Args, Command};
+
+    use super::*;
+    use crate::picture::PictureArgs;
+
+    #[test]
+    fn what_is_moved_by_hand_is_a_flag_of_its_own() {
+        let command = PictureArgs::augment_args(Command::new("view"));
+        let texts = ["view", "builtin:cornell", "--move", "tall_block=0,1,0"];
+        let mut flags = Flags::given(&command.get_matches_from(texts));
+        let mut shift = get(&flags, "light#0");
+        assert_eq!(
+            (shift.offset, shift.yaw, shift.pitch),
+            (Vec3::ZERO, 0.0, 0.0)
+        );
+        (shift.offset, shift.yaw) = (Vec3::new(0.5, 0.0, -0.25), 0.5);
+        set(&mut flags, &shift);
+        set(&mut flags, &shift);
+        assert_eq!(flags.get("moves").len(), 2);
+        let found = get(&flags, "light#0");
+        assert!((found.yaw - 0.5).abs() < 1e-6 && found.offset == shift.offset);
+        assert_eq!(get(&flags, "tall_block").offset, Vec3::Y);
+        flags.check().unwrap();
+        // Back where it was, it is no flag any more.
+        let back = Shift {
+            name: "light#0".into(),
+            ..get(&flags, "nothing")
+        };
+        set(&mut flags, &back);
+        assert_eq!(flags.get("moves"), ["tall_block=0,1,0"]);
+    }
+}

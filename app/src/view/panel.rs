@@ -149,8 +149,10 @@ impl Viewer {
                 self.save_window(&ui.ctx().clone());
             }
         });
-        if let Some(message) = &self.message {
-            ui.label(message);
+        match &self.message {
+            Some(Ok(message)) => drop(ui.label(message)),
+            Some(Err(error)) => drop(ui.label(RichText::new(error).color(Color32::LIGHT_RED))),
+            None => {}
         }
     }
 

@@ -3,7 +3,7 @@
 use std::{
     path::{Path, PathBuf},
     sync::{
-        Arc,
+        Arc, Mutex, PoisonError,
         mpsc::{Receiver, Sender, channel},
     },
 };
@@ -14,23 +14,27 @@ use glam::Vec3;
 use isophote_scene::{Image, srgb_to_linear};
 
 use super::{Viewer, studio::Picture};
-use crate::whole;
+use crate::{output::Voice, whole};
+
+/// What was saved where, or why it was not.
+pub(super) type Told = Result<String, String>;
 
 /// Writes files without keeping the window waiting, and says how it went.
 pub(super) struct Saver {
-    folder: PathBuf,
+    /// Locked while something is written there, so that no two files choose the same free name.
+    folder: Arc<Mutex<PathBuf>>,
     /// Whether a picture is to be saved as soon as it is whole.
     waits: bool,
     context: Context,
-    messages: Sender<String>,
+    messages: Sender<Told>,
 }
 
 impl Saver {
     /// With the end where it is told what was written.
-    pub(super) fn new(folder: PathBuf, context: Context) -> (Self, Receiver<String>) {
+    pub(super) fn new(folder: PathBuf, context: Context) -> (Self, Receiver<Told>) {
         let (messages, told) = channel();
         let saver = Self {
-            folder,
+            folder: Arc::new(Mutex::new(folder)),
             waits: false,
             context,
             messages,
@@ -43,9 +47,14 @@ impl Saver {
         let (folder, messages) = (self.folder.clone(), self.messages.clone());
         let context = self.context.clone();
         std::thread::spawn(move || {
-            let message = save(&folder).unwrap_or_else(|error| whole(&error));
+            let folder = folder.lock().unwrap_or_else(PoisonError::into_inner);
+            let told = save(&folder).map_err(|error| format!("not saved: {}", whole(&error)));
+            if let Err(why) = &told {
+                // The panel may be hidden.
+                Voice::new(false).warning(why);
+            }
             // The window may be gone.
-            let _ = messages.send(message);
+            let _ = messages.send(told);
             context.request_repaint();
         });
     }
@@ -72,7 +81,7 @@ impl Viewer {
     /// Saves the picture once it is whole.
     pub(super) fn save_picture(&mut self) {
         self.saver.waits = true;
-        self.message = Some("saved when it is finished".into());
+        self.message = Some(Ok("saved when it is finished".into()));
     }
 
     pub(super) fn save_when_whole(&mut self) {
@@ -98,7 +107,11 @@ fn save(folder: &Path, picture: &Picture, exposure: f32) -> Result<String> {
         .insert("exposure".into(), exposure.to_string());
     image.save_png(&png, exposure)?;
     // Last: who waits for it finds the other there.
-    image.save(&exr)?;
+    if let Err(error) = image.save(&exr) {
+        // There is no half of a picture, and its number stays free. What cannot be removed is a whole file all the same.
+        let _ = std::fs::remove_file(&png);
+        return Err(error.into());
+    }
     Ok(format!("saved {} and .png", exr.display()))
 }
 
