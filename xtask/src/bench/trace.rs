@@ -1,7 +1,7 @@
-//! `cargo xtask bench trace`: how many rays a second the exact tracer answers.
+//! `cargo xtask bench trace`: how many rays a second a tracer answers, and how many times as many as the exact one.
 //!
-//! Every repeat measures each case once, so that a machine that slows down for a while slows all cases alike and
-//! the ratios between their medians hold.
+//! Every repeat measures each case once, by the tracer and by the exact one, so that a machine that slows down for a while
+//! slows all cases alike and the ratios between their medians hold.
 
 use std::{fs, path::PathBuf};
 
@@ -22,7 +22,7 @@ pub(crate) struct Arguments {
     /// A scene file or builtin:NAME; may be given more than once
     #[arg(long = "scene", value_name = "SCENE", default_values = ["builtin:atrium", "builtin:office", "builtin:hairball"])]
     scenes: Vec<String>,
-    /// The tracer to measure; bvh on the CPU and compute-bvh on a GPU unless given
+    /// The tracer to measure, beside the exact one, which is bvh on the CPU and compute-bvh on a GPU; that alone unless given
     #[arg(long)]
     tracer: Option<String>,
     /// How the tracer bvh holds instances: auto, flat or two
@@ -54,7 +54,6 @@ pub(crate) struct Arguments {
 struct Report<'a> {
     machine: Machine,
     settings: Settings<'a>,
-
     scenes: Vec<SceneReport>,
 }
 
@@ -72,19 +71,49 @@ struct Settings<'a> {
 #[derive(Serialize)]
 struct SceneReport {
     scene: String,
-    /// Who traced and on what, as the application says.
-    tracer: Option<String>,
-    device: Option<String>,
-    /// What the application says of the tracer: seconds to build it and bytes it holds, where it says so.
-    build_seconds: Option<f64>,
-    bytes: Option<u64>,
+    #[serde(flatten)]
+    measured: TracerReport,
+    /// Whom it is compared with; none where that is the one that was measured.
+    exact: Option<TracerReport>,
     cases: Vec<Case>,
     ratios: Vec<Ratio>,
 }
 
-/// One kind of rays, one question, one number of threads.
+/// What the application says of a tracer.
+#[derive(Default, Serialize)]
+struct TracerReport {
+    tracer: Option<String>,
+    device: Option<String>,
+    /// Seconds to build it and bytes it holds, where the application says so.
+    build_seconds: Option<f64>,
+    bytes: Option<u64>,
+}
+
+impl TracerReport {
+    fn of(report: &Value) -> Self {
+        Self {
+            tracer: report["tracer"].as_str().map(str::to_owned),
+            device: report["device"].as_str().map(str::to_owned),
+            build_seconds: report["build_seconds"].as_f64(),
+            bytes: report["bytes"].as_u64(),
+        }
+    }
+}
+
+/// By whom rays are traced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum By {
+    /// The tracer that is measured.
+    Measured,
+    /// The exact one that it is compared with.
+    Exact,
+}
+
+/// One tracer, one kind of rays, one question, one number of threads.
 #[derive(Serialize)]
 struct Case {
+    by: By,
     rays: &'static str,
     mode: &'static str,
     threads: usize,
@@ -99,6 +128,7 @@ struct Case {
 #[derive(Serialize)]
 struct Ratio {
     what: &'static str,
+    by: By,
     #[serde(skip_serializing_if = "Option::is_none")]
     rays: Option<&'static str>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -177,11 +207,17 @@ impl Bench<'_> {
         if self.arguments.device == "gpu" {
             threads = vec![self.threads];
         }
+        let exact = self.exact();
+        let tracers = [(By::Measured, true), (By::Exact, exact.is_some())];
+        let tracers = tracers.into_iter().filter_map(|(by, is)| is.then_some(by));
+        // What is compared is measured one after the other.
         let mut cases: Vec<_> = threads
             .iter()
             .flat_map(|&threads| KINDS.map(|kind| (threads, kind)))
             .flat_map(|(threads, rays)| MODES.map(|mode| (threads, rays, mode)))
-            .map(|(threads, rays, mode)| Case {
+            .flat_map(|case| tracers.clone().map(move |by| (by, case)))
+            .map(|(by, (threads, rays, mode))| Case {
+                by,
                 rays,
                 mode,
                 threads,
@@ -190,44 +226,62 @@ impl Bench<'_> {
                 kernel_rays_per_second: Vec::new(),
             })
             .collect();
-        let mut last = Value::Null;
+        let mut said = [TracerReport::default(), TracerReport::default()];
         for repeat in 1..=self.arguments.repeats {
             for case in &mut cases {
-                last = self.measure(scene, case)?;
+                let report = TracerReport::of(&self.measure(scene, case)?);
                 let rate = case.rays_per_second.last().copied().unwrap_or_default();
                 eprintln!(
-                    "{scene}: {repeat}/{} {} {} hit, {} threads: {:.2} million rays/s",
+                    "{scene}: {repeat}/{} {} {} hit, {} threads, {}: {:.2} million rays/s",
                     self.arguments.repeats,
                     case.rays,
                     case.mode,
                     case.threads,
+                    report.tracer.as_deref().unwrap_or_default(),
                     rate / 1e6
                 );
+                said[case.by as usize] = report;
             }
         }
         for case in &mut cases {
             case.median_rays_per_second = median(&case.rays_per_second);
         }
+        let [measured, compared] = said;
         Ok(SceneReport {
             scene: scene.to_owned(),
-            tracer: last["tracer"].as_str().map(str::to_owned),
-            device: last["device"].as_str().map(str::to_owned),
-            build_seconds: last["build_seconds"].as_f64(),
-            bytes: last["bytes"].as_u64(),
+            measured,
+            exact: exact.map(|_| compared),
             ratios: ratios(&cases),
             cases,
         })
     }
 
+    /// The exact tracer of the device, unless it is the one that is measured.
+    fn exact(&self) -> Option<&'static str> {
+        let exact = match self.arguments.device.as_str() {
+            "gpu" => "compute-bvh",
+            _ => "bvh",
+        };
+        let measured = self.arguments.tracer.as_deref();
+        (measured.unwrap_or(exact) != exact).then_some(exact)
+    }
+
     /// Traces the rays of a case once and keeps the rate.
     fn measure(&self, scene: &str, case: &mut Case) -> Result<Value> {
         let mut choice = vec!["--device", self.arguments.device.as_str()];
+        let (tracer, levels) = match case.by {
+            By::Measured => (
+                self.arguments.tracer.as_deref(),
+                self.arguments.bvh_levels.as_deref(),
+            ),
+            By::Exact => (self.exact(), None),
+        };
         for (flag, value) in [
-            ("--tracer", &self.arguments.tracer),
-            ("--bvh-levels", &self.arguments.bvh_levels),
-            ("--adapter", &self.arguments.adapter),
+            ("--tracer", tracer),
+            ("--bvh-levels", levels),
+            ("--adapter", self.arguments.adapter.as_deref()),
         ] {
-            choice.extend(value.iter().flat_map(|value| [flag, value.as_str()]));
+            choice.extend(value.iter().flat_map(|value| [flag, value]));
         }
         let trace = [
             "trace",
@@ -259,21 +313,31 @@ impl Bench<'_> {
     }
 }
 
-/// Any hit over closest hit, diffuse over coherent rays, all threads over one.
+/// The tracer over the exact one, any hit over closest hit, diffuse over coherent rays, all threads over one.
 fn ratios(cases: &[Case]) -> Vec<Ratio> {
     let mut ratios = Vec::new();
     for case in cases {
-        let over = |rays: &str, mode: &str, threads: usize| {
-            let base = cases
-                .iter()
-                .find(|base| base.rays == rays && base.mode == mode && base.threads == threads)?;
+        let over = |by: By, rays: &str, mode: &str, threads: usize| {
+            let is_base = |base: &&Case| {
+                (base.by, base.rays, base.mode, base.threads) == (by, rays, mode, threads)
+            };
+            let base = cases.iter().find(is_base)?;
             Some(case.median_rays_per_second / base.median_rays_per_second)
         };
-        let any = over(case.rays, "closest", case.threads).filter(|_| case.mode == "any");
-        let diffuse = over("coherent", case.mode, case.threads).filter(|_| case.rays == "diffuse");
-        let all = over(case.rays, case.mode, 1).filter(|_| case.threads > 1);
-        let (rays, mode, threads) = (Some(case.rays), Some(case.mode), Some(case.threads));
+        let Case {
+            by,
+            rays,
+            mode,
+            threads,
+            ..
+        } = *case;
+        let exact = over(By::Exact, rays, mode, threads).filter(|_| by == By::Measured);
+        let any = over(by, rays, "closest", threads).filter(|_| mode == "any");
+        let diffuse = over(by, "coherent", mode, threads).filter(|_| rays == "diffuse");
+        let all = over(by, rays, mode, 1).filter(|_| threads > 1);
+        let (rays, mode, threads) = (Some(rays), Some(mode), Some(threads));
         let found = [
+            ("tracer / exact tracer", rays, mode, threads, exact),
             ("any / closest", rays, None, threads, any),
             ("diffuse / coherent", None, mode, threads, diffuse),
             ("all threads / one", rays, mode, None, all),
@@ -284,6 +348,7 @@ fn ratios(cases: &[Case]) -> Vec<Ratio> {
                 .filter_map(|(what, rays, mode, threads, ratio)| {
                     Some(Ratio {
                         what,
+                        by,
                         rays,
                         mode,
                         threads,
@@ -319,7 +384,8 @@ mod tests {
 
     #[test]
     fn ratios_compare_cases_that_differ_in_one_thing() {
-        let case = |rays, mode, threads, median_rays_per_second| Case {
+        let case = |by, rays, mode, threads, median_rays_per_second| Case {
+            by,
             rays,
             mode,
             threads,
@@ -328,15 +394,17 @@ mod tests {
             kernel_rays_per_second: vec![],
         };
         let cases = [
-            case("coherent", "closest", 1, 4.0),
-            case("diffuse", "closest", 1, 1.0),
-            case("diffuse", "any", 1, 3.0),
-            case("diffuse", "any", 2, 5.4),
+            case(By::Measured, "coherent", "closest", 1, 4.0),
+            case(By::Measured, "diffuse", "closest", 1, 1.0),
+            case(By::Exact, "diffuse", "closest", 1, 0.5),
+            case(By::Measured, "diffuse", "any", 1, 3.0),
+            case(By::Measured, "diffuse", "any", 2, 5.4),
         ];
         let found: Vec<_> = ratios(&cases).iter().map(|r| (r.what, r.ratio)).collect();
         assert_eq!(
             found,
             [
+                ("tracer / exact tracer", 2.0),
                 ("diffuse / coherent", 0.25),
                 ("any / closest", 3.0),
                 ("all threads / one", 1.8),
