@@ -292,7 +292,7 @@ fn the_technique_igi_renders_the_same_picture() {
     assert!(error("direct") < 5e-3 && error("indirect") > 0.0);
 }
 
-/// Layered depth maps that a GPU draws: light straight from a lamp and a sky, and all of it.
+/// Layered depth maps that a GPU draws: light of a lamp and a sky, straight and bounced, splatted and gathered.
 #[test]
 fn the_technique_ldm_renders_the_same_picture() {
     let folder = tempfile::tempdir().unwrap();
@@ -314,49 +314,32 @@ fn the_technique_ldm_renders_the_same_picture() {
         "--ldm-resolution=100",
         "--ldm-samples=4",
         "--ldm-photons=16",
-        "--ldm-deposit=splatted",
         "--ldm-glossy=none",
         "--json",
     ];
-    let on_cpu = json(
-        at,
-        &[&render[..], &["--device=cpu", "-o", "cpu.exr"]].concat(),
-    );
-    let chosen = ["--device=gpu", "--adapter", name, "-o", "gpu.exr"];
-    let on_gpu = json(at, &[&render[..], &chosen].concat());
-    assert_eq!(on_gpu["settings"]["tracer"], "compute-bvh");
-    assert!(
-        on_gpu["device"].as_str().unwrap().contains(name),
-        "{on_gpu}"
-    );
-    println!("{} {}", on_gpu["rays"], on_cpu["rays"]);
-    for layer in quantities.split(',') {
-        let compare = ["compare", "gpu.exr", "cpu.exr", "--json", "--layer", layer];
-        let compared = json(at, &compare);
-        let error = compared["rel_rmse"].as_f64().unwrap();
-        println!("{layer}: {error}");
-        assert!(error < 1e-3, "{layer:?}: {compared}");
-    }
-    // What a GPU does not do is refused.
-    for flag in [
-        "--ldm-direct=photons",
-        "--ldm-glossy=nearest",
+    let gathered = [
         "--ldm-deposit=gathered",
-    ] {
-        let wrong = [
-            "render",
-            "builtin:cornell",
-            "--technique=ldm",
-            "--device=gpu",
-            "--quantity=path",
-            flag,
-            "-o",
-            "wrong.exr",
-        ];
-        let output = run(at, &wrong);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{flag}: {said}");
-        assert!(said.contains("runs on the CPU"), "{flag}: {said}");
+        "--ldm-bounces=2",
+        "--ldm-branches=2",
+        "--ldm-direct=photons",
+    ];
+    for more in [&["--ldm-deposit=splatted"][..], &gathered] {
+        let chosen = ["--device=cpu", "-o", "cpu.exr"];
+        json(at, &[&render[..], more, &chosen].concat());
+        let chosen = ["--device=gpu", "--adapter", name, "-o", "gpu.exr"];
+        let on_gpu = json(at, &[&render[..], more, &chosen].concat());
+        assert_eq!(on_gpu["settings"]["tracer"], "compute-bvh");
+        assert!(
+            on_gpu["device"].as_str().unwrap().contains(name),
+            "{on_gpu}"
+        );
+        for layer in quantities.split(',') {
+            let compare = ["compare", "gpu.exr", "cpu.exr", "--json", "--layer", layer];
+            let compared = json(at, &compare);
+            let error = compared["rel_rmse"].as_f64().unwrap();
+            println!("{more:?} {layer}: {error}");
+            assert!(error < 1e-3, "{more:?} {layer:?}: {compared}");
+        }
     }
 }
 

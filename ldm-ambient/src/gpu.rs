@@ -1,4 +1,4 @@
-//! Occlusion, direct light and the light of photons on a GPU, stage by stage as [`crate::cpu`]:
+//! Occlusion and light on a GPU, stage by stage as [`crate::cpu`]:
 //!
 //! | stage | CPU | GPU |
 //! |---|---|---|
@@ -8,8 +8,8 @@
 //! | 4. maps | `cpu/{maps,reach}.rs` | `gpu/{maps,reach}.rs`, `shaders/{scan,sort,reach}.wesl` |
 //! | points | `cpu/points.rs` | `gpu/points.rs`, `shaders/points/*.wesl` |
 //! | 5., 6. tracing, occlusion | `cpu/{aim,occlusion}.rs` | `shaders/{aim,look_up,layers,resolve}.wesl` |
-//! | light straight from lights and sky | `cpu/photons/gather.rs` | `gpu/direct.rs`, `shaders/direct/*.wesl` |
-//! | 7. to 9. photons | `cpu/photons.rs` | `gpu/photons.rs`, `shaders/photons/*.wesl` |
+//! | 9. light that points gather | `cpu/photons/{gather,field}.rs` | `gpu/gather.rs`, `shaders/gather/*.wesl` |
+//! | 7. to 9. photons that are splatted | `cpu/photons.rs` | `gpu/photons.rs`, `shaders/photons/*.wesl` |
 //!
 //! Maps are built anew for each picture, from where the scene's data on the device say that instances are: several at a
 //! time, asked for all points, and overwritten by the next ones, so that memory does not grow with their number. Nothing is
@@ -17,7 +17,7 @@
 //!
 //! A shader here binds at most 8 storage buffers, those of the scene and the tracer among them.
 
-pub mod direct;
+pub mod gather;
 mod maps;
 pub mod photons;
 mod points;
@@ -62,10 +62,13 @@ pub const SHADERS: ShaderPackage = shader_package!(
         "aim",
         "batch",
         "cull",
-        "direct/lights",
-        "direct/resolve",
-        "direct/sky",
         "draw",
+        "gather/field",
+        "gather/landed",
+        "gather/lights",
+        "gather/look",
+        "gather/resolve",
+        "gather/shade",
         "layers",
         "look_up",
         "near",

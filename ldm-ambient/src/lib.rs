@@ -12,7 +12,7 @@
 //!    photons are split along the maps and splatted ([`Deposit`]).
 //!
 //! [`cpu::hbao`] is the screen-space method that the paper compares with. The module `gpu` (feature `gpu`) is all stages as wgpu
-//! passes, with the device's rasteriser; of the photons, those that are splatted.
+//! passes, with the device's rasteriser; photons that are gathered are sent on the CPU.
 //!
 //! # From the paper to the code
 //!
@@ -24,7 +24,7 @@
 //! | §3.4, D x and D d, transfer (Igehy 1999), rotation by α | `cpu/photons/differential.rs` |
 //! | §4.2, photons leave the light's view; splitting | `cpu/photons/{views,emission}.rs`, [`cpu::photons::light`] |
 //! | Eq. (4) to (7), footprints and splatting | `cpu/photons/footprint.rs`, `cpu/photons/splat.rs` |
-//! | Fig. 11, environment light through the maps | `cpu/environment.rs`, [`cpu::photons::Gathered::sky`], `gpu/direct/sky.rs` |
+//! | Fig. 11, environment light through the maps | `cpu/environment.rs`, [`cpu::photons::Gathered::sky`], `gpu/gather/looks.rs` |
 //! | §6, glossy by the nearest direction | `cpu/photons/glossy.rs`, [`Photons::mirrored`] |
 //! | §6, direct light from photons | [`PhotonParams::direct`], [`Photons::direct`] |
 //! | §6, multiple bounces over subsets of the directions | [`PhotonParams::bounces`], [`Directions::subset`] |

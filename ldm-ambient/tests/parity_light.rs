@@ -1,6 +1,7 @@
-//! Light that comes straight from lights and from the environment, in shaders beside the CPU's.
+//! Light that points gather, in shaders beside the CPU's: straight from lights and from the environment, and of photons.
 //!
-//! Both see the same points, ask the same lights with the same samples, and look along the same maps. What is left is rounding.
+//! Both see the same points, ask the same lights with the same samples, and look along the same maps for the same photons. What is left
+//! is rounding.
 #![cfg(feature = "gpu")]
 #![expect(clippy::unwrap_used, reason = "tests may")]
 
@@ -12,8 +13,8 @@ use isophote_ldm_ambient::{
     cpu::{self, Triangles},
     gpu::{
         BuildMethod, Occlusion, Points,
-        direct::Direct,
-        photons::{Light, Targets},
+        gather::{Gather, Lit, LitTargets, Picture},
+        photons::Light,
     },
 };
 use isophote_scene::{
@@ -33,17 +34,17 @@ const MOST: f32 = 5e-4;
 /// The same where maps are fitted around what the camera may see instead of what it sees.
 const MOST_OF_OTHER_MAPS: f32 = 0.05;
 
-fn params(normals: Normals) -> PhotonParams {
+fn params() -> PhotonParams {
     PhotonParams {
         maps: MapParams {
             maps: 50,
             resolution: 100,
             ..MapParams::default()
         },
+        raster: 16,
+        finest: 32,
         bounces: 0,
         frames: 2,
-        materials: Materials::Pbr,
-        normals,
         seed: 5,
         ..PhotonParams::default()
     }
@@ -60,27 +61,35 @@ fn panorama() -> Environment {
     Environment::Map(EnvironmentMap::new(64, 32, texels).unwrap())
 }
 
-/// Lamps of all kinds, metal, a surface that is not lit; under a sky, in the dark, and with the triangles' own normals.
-fn cases() -> Vec<(&'static str, Scene, Normals)> {
+/// Lamps of all kinds, metal, a surface that is not lit; under a sky, in the dark, with the triangles' own normals, and by photons.
+fn cases() -> Vec<(&'static str, Scene, PhotonParams)> {
     let build = |name: &str, environment| {
         let mut scene = builtin::build(name).unwrap();
         scene.environment = environment;
         scene.materials[0].unlit = name == "cornell";
         scene
     };
-    let dark = Environment::Black;
+    let (dark, white) = (Environment::Black, Environment::Constant(Vec3::ONE));
+    let flat = PhotonParams {
+        normals: Normals::Flat,
+        ..params()
+    };
+    let bounced = PhotonParams {
+        bounces: 2,
+        branches: 2,
+        ..params()
+    };
+    let landed = PhotonParams {
+        direct: true,
+        materials: Materials::Lambert,
+        ..params()
+    };
     vec![
-        (
-            "in the dark",
-            build("office", dark.clone()),
-            Normals::Smooth,
-        ),
-        ("below a sky", build("cornell", panorama()), Normals::Smooth),
-        (
-            "all white",
-            build("office", Environment::Constant(Vec3::ONE)),
-            Normals::Flat,
-        ),
+        ("in the dark", build("office", dark.clone()), params()),
+        ("below a sky", build("cornell", panorama()), params()),
+        ("all white", build("office", white.clone()), flat),
+        ("bounced", build("cornell", white), bounced),
+        ("by photons", build("cornell", dark), landed),
     ]
 }
 
@@ -94,7 +103,7 @@ struct Ground {
 }
 
 impl Ground {
-    fn new(context: &Context, scene: Scene, normals: Normals) -> Self {
+    fn new(context: &Context, scene: Scene, params: PhotonParams) -> Self {
         let scene = Arc::new(scene);
         let all = Selection::default();
         Self {
@@ -103,15 +112,22 @@ impl Ground {
             exact: BvhTracer::build(&scene, &all, &BvhOptions::default()).unwrap(),
             tracer: ComputeBvhTracer::build(context, &scene, &all, &()).unwrap(),
             scene,
-            params: params(normals),
+            params,
         }
     }
 
-    fn direct(&self) -> Direct {
+    fn gather(&self) -> Gather {
         let (context, world) = (&self.context, (&*self.scene, &self.gpu_scene));
-        let picture = (SIZE, true);
+        let picture = Picture {
+            size: SIZE,
+            lights: true,
+            irradiance: true,
+        };
         let all = Selection::default();
-        Direct::new(context, world, &all, &self.params, &self.tracer, picture).unwrap()
+        let triangles = Triangles::new(&self.scene, &self.scene.transforms(), &all).unwrap();
+        let sent = Photons::emit(&triangles, &self.exact, &self.params).unwrap();
+        let (params, tracer, sent) = (&self.params, &self.tracer, Some(&sent));
+        Gather::new(context, world, &all, params, tracer, picture, sent).unwrap()
     }
 
     fn seen(&self, sample: u32) -> (cpu::Points, Vec<Seen>) {
@@ -120,100 +136,117 @@ impl Ground {
         cpu::Points::with_seen(scene, &self.exact, camera, SIZE, sample, kinds)
     }
 
-    fn on_cpu(&self) -> Light {
+    fn on_cpu(&self) -> Lit {
         let scene = &self.scene;
         let triangles = Triangles::new(scene, &scene.transforms(), &Selection::default()).unwrap();
         let photons = Photons::emit(&triangles, &self.exact, &self.params).unwrap();
-        let lights = DirectLight::without_environment(scene, &self.exact);
         let missing = 0.5 * (self.params.maps.maps * self.params.frames) as f32 / SAMPLES as f32;
         let mut weights = vec![missing * SAMPLES as f32; COUNT];
-        let mut skies = vec![[Vec3::ZERO; 2]; COUNT];
-        let mut lit = vec![[Vec3::ZERO; 2]; COUNT];
+        // Of lights, of the sky, of surfaces: radiance and irradiance.
+        let mut sums = vec![[[Vec3::ZERO; 2]; 3]; COUNT];
         for sample in 0..SAMPLES {
             let (points, seen) = self.seen(sample);
             let (light, _) = photons.light(&points, [sample, SAMPLES], &|_, _| {});
-            for ((&pixel, light), seen) in points.indices().iter().zip(light).zip(&seen) {
-                let sampler = Sampler::new(self.params.seed, pixel, sample);
-                let scattered = |bsdf: &Bsdf| {
-                    let (point, view) = (&seen.point, seen.view);
-                    lights.scattered(point, view, bsdf, &sampler).0
+            let landed = photons.direct(&points);
+            let all = points.indices().iter().zip(light).zip(landed).zip(&seen);
+            for (((&pixel, light), landed), seen) in all {
+                let sums = &mut sums[pixel as usize];
+                weights[pixel as usize] += light.weight - missing;
+                let sent = |light| [seen.albedo() / PI * light, light];
+                let direct = match self.params.direct {
+                    true => sent(landed),
+                    false => self.by_rays(pixel, sample, seen),
                 };
-                let pixel = pixel as usize;
-                weights[pixel] += light.weight - missing;
-                skies[pixel][0] += seen.albedo() / PI * light.sky;
-                skies[pixel][1] += light.sky;
-                let (normal, material) = (seen.normal(), &seen.material);
-                lit[pixel][0] += match material.unlit {
-                    true => material.base_color,
-                    false => scattered(&Bsdf::new(normal, material, seen.is_outside())),
-                };
-                lit[pixel][1] += scattered(&Bsdf::diffuse(normal, Vec3::splat(PI)));
+                for (sum, more) in sums
+                    .iter_mut()
+                    .zip([direct, sent(light.sky), sent(light.light)])
+                {
+                    *sum = [sum[0] + more[0], sum[1] + more[1]];
+                }
+                if seen.material.unlit {
+                    sums[0][0] += seen.material.base_color;
+                }
             }
         }
         let of = |kind: usize| {
-            let sums = lit.iter().zip(&skies).zip(&weights);
-            let mean =
-                sums.map(|((lit, sky), weight)| lit[kind] / SAMPLES as f32 + sky[kind] / *weight);
-            mean.collect()
+            let pairs = sums.iter().zip(&weights);
+            let mean = |([direct, sky, light], weight): (&[[Vec3; 2]; 3], &f32)| {
+                let direct = direct[kind] / SAMPLES as f32 + sky[kind] / *weight;
+                (direct, light[kind] / *weight)
+            };
+            pairs.map(mean).unzip::<_, _, Vec<_>, Vec<_>>()
         };
-        Light {
-            radiance: of(0),
-            irradiance: of(1),
+        let ((direct, indirect), (direct_irradiance, irradiance)) = (of(0), of(1));
+        Lit {
+            direct: Light {
+                radiance: direct,
+                irradiance: direct_irradiance,
+            },
+            indirect: Light {
+                radiance: indirect,
+                irradiance,
+            },
         }
     }
 
+    /// Radiance and irradiance straight from the lights.
+    fn by_rays(&self, pixel: u32, sample: u32, seen: &Seen) -> [Vec3; 2] {
+        let lights = DirectLight::without_environment(&self.scene, &self.exact);
+        let sampler = Sampler::new(self.params.seed, pixel, sample);
+        let (normal, material) = (seen.normal(), &seen.material);
+        let black = Bsdf::diffuse(normal, Vec3::ZERO);
+        let lit = match material.unlit {
+            true => black,
+            false => Bsdf::new(normal, material, seen.is_outside()),
+        };
+        let white = Bsdf::diffuse(normal, Vec3::splat(PI));
+        [lit, white].map(|bsdf| lights.scattered(&seen.point, seen.view, &bsdf, &sampler).0)
+    }
+
     /// With maps fitted around the CPU's points.
-    fn on_gpu(&self) -> Light {
+    fn on_gpu(&self) -> Lit {
         let (context, camera) = (&self.context, &self.scene.cameras[0]);
-        let mut direct = self.direct();
+        let mut gather = self.gather();
         let mut points = Points::new(context, SIZE).unwrap();
         let world = (&*self.scene, &self.gpu_scene);
         let all = Selection::default();
         let about = OcclusionParams::default();
         let about =
             Occlusion::new(context, world, &all, &about, BuildMethod::default(), SIZE).unwrap();
-        let submit = |encoder| context.submit("direct light", encoder).unwrap();
+        let submit = |encoder| context.submit("light", encoder).unwrap();
         let encoder = || context.device().create_command_encoder(&Default::default());
-        let mut first = encoder();
-        direct.begin(&mut first, &self.gpu_scene);
-        submit(first);
-        for sample in 0..SAMPLES {
-            let mut seeing = encoder();
-            let on = (&self.gpu_scene, &self.tracer as _);
-            direct
-                .see(
-                    context,
-                    &mut seeing,
-                    on,
-                    (camera, sample),
-                    &mut points,
-                    None,
-                )
-                .unwrap();
-            submit(seeing);
-            points.upload(context, &about, &self.seen(sample).0);
-            let mut adding = encoder();
-            let part = [sample, SAMPLES];
-            direct
-                .add(context, &mut adding, &self.gpu_scene, &points, part, None)
-                .unwrap();
-            submit(adding);
+        for _ in 0..3 {
+            let mut first = encoder();
+            gather.begin(&mut first, &self.gpu_scene);
+            submit(first);
+            for sample in 0..SAMPLES {
+                let mut seeing = encoder();
+                let on = (&self.gpu_scene, &self.tracer as _);
+                let look = (camera, sample);
+                gather
+                    .see(context, &mut seeing, on, look, &mut points, None)
+                    .unwrap();
+                submit(seeing);
+                points.upload(context, &about, &self.seen(sample).0);
+                let mut adding = encoder();
+                let part = [sample, SAMPLES];
+                gather
+                    .add(context, &mut adding, &self.gpu_scene, &points, part, None)
+                    .unwrap();
+                submit(adding);
+            }
+            let targets = LitTargets::new(context, SIZE).unwrap();
+            let mut last = encoder();
+            gather.resolve(context, &mut last, &targets).unwrap();
+            submit(last);
+            if gather.has_room(context).unwrap() {
+                return targets.read(context).unwrap().0;
+            }
         }
-        let targets = Targets::new(context, SIZE).unwrap();
-        let mut last = encoder();
-        direct.resolve(context, &mut last, &targets).unwrap();
-        submit(last);
-        let read = |texture| -> Vec<Vec3> {
-            let values: Vec<glam::Vec4> = context.read_texture("light", texture).unwrap();
-            values.into_iter().map(glam::Vec4::truncate).collect()
-        };
-        Light {
-            radiance: read(&targets.radiance),
-            irradiance: read(&targets.irradiance),
-        }
+        panic!("there is never room");
     }
 
-    fn rendered(&self, direct: &mut Direct) -> Light {
+    fn rendered(&self, gather: &mut Gather) -> Lit {
         let world = World {
             scene: &self.scene,
             gpu_scene: &self.gpu_scene,
@@ -221,48 +254,58 @@ impl Ground {
             secondary: &self.tracer,
         };
         let camera = &self.scene.cameras[0];
-        let made = direct.render(&self.context, world, camera, SAMPLES, &|_, _| {});
+        let made = gather.render(&self.context, world, camera, SAMPLES, &|_, _| {});
         made.unwrap().0
     }
 }
 
-/// relRMSE of radiance and of irradiance.
-fn off(found: &Light, expected: &Light) -> [f32; 2] {
+/// relRMSE, the largest of all kinds of light.
+fn off(found: &Lit, expected: &Lit) -> f32 {
     let error = |found: &[Vec3], expected: &[Vec3]| {
         let pairs = found.iter().zip(expected);
         let squares: f32 = pairs.map(|(a, b)| (*a - *b).length_squared()).sum();
         let sum: f32 = expected.iter().map(|light| light.element_sum()).sum();
-        (squares * 3.0 * COUNT as f32).sqrt() / sum
+        match squares > 0.0 {
+            true => (squares * 3.0 * COUNT as f32).sqrt() / sum,
+            false => 0.0,
+        }
     };
-    [
-        error(&found.radiance, &expected.radiance),
-        error(&found.irradiance, &expected.irradiance),
-    ]
+    let of = |found: &Light, expected: &Light| {
+        [
+            error(&found.radiance, &expected.radiance),
+            error(&found.irradiance, &expected.irradiance),
+        ]
+    };
+    let all = [
+        of(&found.direct, &expected.direct),
+        of(&found.indirect, &expected.indirect),
+    ];
+    println!("{all:?}");
+    all.into_iter().flatten().fold(0.0, f32::max)
 }
 
 #[test]
-fn direct_light_is_that_of_the_cpu() {
+fn gathered_light_is_that_of_the_cpu() {
     let Some(context) = Context::for_tests() else {
         return;
     };
-    for (name, scene, normals) in cases() {
-        let ground = Ground::new(&context, scene, normals);
+    for (name, scene, params) in cases() {
+        println!("{name}");
+        let ground = Ground::new(&context, scene, params);
         let expected = ground.on_cpu();
-        let [radiance, irradiance] = off(&ground.on_gpu(), &expected);
-        println!("{name}: relRMSE {radiance:.1e} of radiance, {irradiance:.1e} of irradiance");
-        assert!(
-            radiance.max(irradiance) < MOST,
-            "{name}: {radiance} {irradiance}"
-        );
-        let mut direct = ground.direct();
-        let found = ground.rendered(&mut direct);
-        let [radiance, irradiance] = off(&found, &expected);
-        println!("{name}, rendered: {radiance:.1e} and {irradiance:.1e}");
-        assert!(
-            radiance.max(irradiance) < MOST_OF_OTHER_MAPS,
-            "{name}: {radiance} {irradiance}"
-        );
+        let error = off(&ground.on_gpu(), &expected);
+        assert!(error < MOST, "{name}: {error}");
+        let mut gather = ground.gather();
+        let found = ground.rendered(&mut gather);
+        let error = off(&found, &expected);
+        assert!(error < MOST_OF_OTHER_MAPS, "{name}: {error}");
+        let is_bounced = found
+            .indirect
+            .radiance
+            .iter()
+            .any(|light| *light != Vec3::ZERO);
+        assert_eq!(is_bounced, params.bounces > 0, "{name}");
         // No flicker: the same picture again is the same to the bit.
-        assert_eq!(found, ground.rendered(&mut direct), "{name}");
+        assert_eq!(found, ground.rendered(&mut gather), "{name}");
     }
 }

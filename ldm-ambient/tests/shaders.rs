@@ -5,14 +5,16 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use isophote_ldm_ambient::{
-    Deposit, Error, MapParams, OcclusionParams, PhotonParams,
+    Deposit, Error, MapParams, OcclusionParams, PhotonParams, cpu,
     gpu::{
-        BuildMethod, GBufferPoints, Look, Occlusion, Points, Targets, direct::Direct,
+        BuildMethod, GBufferPoints, Look, Occlusion, Points, Targets,
+        gather::{Gather, Picture},
         photons::Photons,
     },
 };
 use isophote_scene::{
-    Alpha, Environment, Error as SceneError, Leaves, Selection, builtin,
+    Alpha, BuildTracer, BvhOptions, BvhTracer, Environment, Error as SceneError, Leaves, Selection,
+    builtin,
     gpu::{
         BuildGpuTracer, ComputeBvhTracer, Context, GBuffer, GpuScene, GpuTracer, Rasters,
         RayQueryTracer, reference::World,
@@ -149,7 +151,7 @@ fn photons_build() {
 }
 
 #[test]
-fn direct_light_builds() {
+fn light_that_is_gathered_builds() {
     let mut scene = builtin::build("builtin:cornell").unwrap();
     scene.environment = Environment::Constant(Vec3::ONE);
     let scene = Arc::new(scene);
@@ -158,30 +160,42 @@ fn direct_light_builds() {
     let selection = Selection::default();
     let fine = PhotonParams {
         maps: params(1.0).maps,
+        raster: 4,
+        finest: 4,
+        direct: true,
         ..PhotonParams::default()
     };
+    let exact = BvhTracer::build(&scene, &selection, &BvhOptions::default()).unwrap();
+    let triangles = cpu::Triangles::new(&scene, &scene.transforms(), &selection).unwrap();
+    let sent = cpu::photons::Photons::emit(&triangles, &exact, &fine).unwrap();
     let tracers: [Box<dyn GpuTracer>; 2] = [
         Box::new(ComputeBvhTracer::build(&context, &scene, &selection, &()).unwrap()),
         Box::new(RayQueryTracer::build(&context, &scene, &selection, &()).unwrap()),
     ];
-    for tracer in &tracers {
+    let picture = Picture {
+        size: SIZE,
+        lights: true,
+        irradiance: true,
+    };
+    for (tracer, sent) in tracers.iter().zip([None, Some(&sent)]) {
         let world = World {
             scene: &scene,
             gpu_scene: &gpu_scene,
             exact: &**tracer,
             secondary: &**tracer,
         };
-        let on = (&*scene, &gpu_scene);
-        let picture = (SIZE, true);
-        let mut direct = Direct::new(&context, on, &selection, &fine, &**tracer, picture).unwrap();
-        let made = direct.render(&context, world, &scene.cameras[0], 2, &|_, _| {});
+        let (on, exact) = ((&*scene, &gpu_scene), &**tracer);
+        let mut gather =
+            Gather::new(&context, on, &selection, &fine, exact, picture, sent).unwrap();
+        let camera = &scene.cameras[0];
+        let made = gather.render(&context, world, camera, 2, &|_, _| {});
         // This device computes nothing, which is found out.
         assert!(made.is_err());
         let mut points = Points::new(&context, [8, 8]).unwrap();
         let mut encoder = context.device().create_command_encoder(&Default::default());
-        let on = (&gpu_scene, &**tracer);
-        let look = (&scene.cameras[0], 0);
-        let seen = direct.see(&context, &mut encoder, on, look, &mut points, None);
+        let on = (&gpu_scene, exact);
+        let look = (camera, 0);
+        let seen = gather.see(&context, &mut encoder, on, look, &mut points, None);
         assert!(matches!(seen, Err(Error::Parameter { .. })));
     }
 }

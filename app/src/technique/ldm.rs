@@ -368,6 +368,19 @@ impl LdmTechnique {
         }
     }
 
+    /// Photons that points look for: those that light bounces from where it is gathered, and those of lights where direct light is
+    /// theirs.
+    fn gathered(&self, order: &Order<'_>, bounces: bool) -> PhotonParams {
+        PhotonParams {
+            bounces: match bounces && order.wants(is_bounced) {
+                true => self.ldm_bounces,
+                false => 0,
+            },
+            direct: order.wants(is_direct) && self.ldm_direct == DirectChoice::Photons,
+            ..self.photons(order, DepositChoice::Gathered)
+        }
+    }
+
     fn find_light(
         &self,
         triangles: &Triangles<'_>,

@@ -26,9 +26,9 @@ use isophote_scene::{
 };
 use rayon::prelude::*;
 
-#[cfg(feature = "gpu")]
-pub(crate) use self::emission::leave;
 pub(crate) use self::screen::Screen;
+#[cfg(feature = "gpu")]
+pub(crate) use self::{emission::leave, field::PackedField};
 use self::{
     emission::{Photon, bounce, emit},
     field::Field,
@@ -413,6 +413,12 @@ impl<'a> Photons<'a> {
             params: &self.params,
         };
         mirror.look(points, towards, progress)
+    }
+
+    /// What surfaces send on and what arrives at them straight from the lights, relative to an origin; none where that is nothing.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn packed(&self, origin: Vec3) -> [Option<PackedField>; 2] {
+        [&self.field, &self.direct].map(|field| field.packed(origin))
     }
 
     /// Watts that left the lights.

@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 use anyhow::Result;
 use glam::Vec3;
 use isophote_ldm_ambient::{
-    PhotonParams, Photons,
+    Photons,
     cpu::{Points, Triangles, photons::Gathered},
 };
 use isophote_scene::{
@@ -74,9 +74,10 @@ pub(super) struct Lighting<'a, 'b> {
 impl Lighting<'_, '_> {
     /// All that is asked for; what is splatted is left out.
     pub(super) fn gather(&self, found: &mut Found) -> Result<Lit> {
-        let photons = Photons::emit(self.triangles, self.exact, &self.params())?;
-        found.passes.extend_from_slice(photons.passes());
         let (order, technique) = (self.order, self.technique);
+        let params = technique.gathered(order, technique.deposit() == DepositChoice::Gathered);
+        let photons = Photons::emit(self.triangles, self.exact, &params)?;
+        found.passes.extend_from_slice(photons.passes());
         let pixels = order.size[0] as usize * order.size[1] as usize;
         let kinds = (order.settings.normals, order.settings.materials);
         let maps = order.maps.maps.saturating_mul(technique.ldm_frames);
@@ -119,19 +120,6 @@ impl Lighting<'_, '_> {
             }
         }
         Ok(Lit::of(&sums, samples))
-    }
-
-    fn params(&self) -> PhotonParams {
-        let (technique, order) = (self.technique, self.order);
-        let gathered = technique.deposit() == DepositChoice::Gathered;
-        PhotonParams {
-            bounces: match gathered && order.wants(is_bounced) {
-                true => technique.ldm_bounces,
-                false => 0,
-            },
-            direct: self.wants_direct() && technique.ldm_direct == DirectChoice::Photons,
-            ..technique.photons(order, DepositChoice::Gathered)
-        }
     }
 
     fn wants_direct(&self) -> bool {

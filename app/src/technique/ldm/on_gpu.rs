@@ -1,13 +1,18 @@
 //! Occlusion and light by maps that a GPU builds.
 
+use std::sync::Arc;
+
 use anyhow::{Result, ensure};
-use isophote_ldm_ambient::gpu::{
-    BuildMethod, Occlusion,
-    direct::Direct,
-    photons::{self, Photons},
+use isophote_ldm_ambient::{
+    cpu::{self, Triangles},
+    gpu::{
+        BuildMethod, Occlusion,
+        gather::{Gather, Picture},
+        photons::{self, Photons},
+    },
 };
 use isophote_scene::{
-    Pass, Scene,
+    BuildTracer, BvhOptions, BvhTracer, Pass, Scene,
     gpu::{
         GpuTracer,
         reference::{Integrator, World},
@@ -16,7 +21,7 @@ use isophote_scene::{
 };
 
 use super::{
-    DepositChoice, DirectChoice, Found, GlossyChoice, LdmTechnique, OcclusionChoice,
+    DepositChoice, Found, GlossyChoice, LdmTechnique, OcclusionChoice,
     light::{Light, Lit, is_bounced, is_direct, is_irradiance},
 };
 use crate::{
@@ -98,44 +103,71 @@ fn find_light(
     progress: &dyn Progress,
     found: &mut Found,
 ) -> Result<()> {
-    let is_glossy = technique.ldm_glossy == Some(GlossyChoice::Nearest);
-    for (is_chosen, flag) in [
-        (
-            technique.ldm_deposit == Some(DepositChoice::Gathered),
-            "--ldm-deposit gathered",
-        ),
-        (is_glossy, "--ldm-glossy nearest"),
-        (
-            technique.ldm_direct == DirectChoice::Photons,
-            "--ldm-direct photons",
-        ),
-    ] {
-        ensure!(
-            !is_chosen,
-            "{flag} runs on the CPU: leave out --device gpu and --adapter, and choose a tracer there"
-        );
-    }
-    let params = technique.photons(order, DepositChoice::Splatted);
-    let on = (world.scene, world.gpu_scene);
-    let mut lit = Lit::default();
-    if order.wants(is_direct) {
-        let picture = (order.size, order.wants(is_irradiance));
-        let (context, selection) = (&gpu.context, order.selection);
-        let mut direct = Direct::new(context, on, selection, &params, world.exact, picture)?;
-        let samples = technique.ldm_samples;
-        let (light, passes) = direct.render(context, world, order.camera, samples, progress)?;
-        lit.direct = light.into();
-        found.passes.extend(passes);
-    }
-    if order.wants(is_bounced) {
-        let (context, selection) = (&gpu.context, order.selection);
-        let mut photons = Photons::new(context, on, selection, &params, world.exact, order.size)?;
+    ensure!(
+        technique.ldm_glossy != Some(GlossyChoice::Nearest),
+        "--ldm-glossy nearest runs on the CPU: leave out --device gpu and --adapter, and choose a tracer there"
+    );
+    let splatted =
+        technique.ldm_deposit != Some(DepositChoice::Gathered) && order.wants(is_bounced);
+    let mut lit = match splatted && !order.wants(is_direct) {
+        true => Lit::default(),
+        false => gather(technique, gpu, world, order, progress, found)?,
+    };
+    if splatted {
+        let params = technique.photons(order, DepositChoice::Splatted);
+        let (context, on) = (&gpu.context, (world.scene, world.gpu_scene));
+        let (exact, size) = (world.exact, order.size);
+        let mut photons = Photons::new(context, on, order.selection, &params, exact, size)?;
         let (light, passes) = photons.render(context, world, order.camera, progress)?;
         lit.indirect = light.into();
         found.passes.extend(passes);
     }
     found.light(lit, order);
     Ok(())
+}
+
+/// All that is asked for; what is splatted is left out.
+fn gather(
+    technique: &LdmTechnique,
+    gpu: &Gpu,
+    world: World<'_>,
+    order: &Order<'_>,
+    progress: &dyn Progress,
+    found: &mut Found,
+) -> Result<Lit> {
+    let (scene, selection, context) = (world.scene, order.selection, &gpu.context);
+    let params = technique.gathered(
+        order,
+        technique.ldm_deposit == Some(DepositChoice::Gathered),
+    );
+    let picture = Picture {
+        size: order.size,
+        lights: order.wants(is_direct),
+        irradiance: order.wants(is_irradiance),
+    };
+    let triangles;
+    let sent = match params.bounces > 0 || params.direct {
+        false => None,
+        true => {
+            triangles = Triangles::new(scene, &scene.transforms(), selection)?;
+            let scene = Arc::new(scene.clone());
+            let exact = BvhTracer::build(&scene, selection, &BvhOptions::default())?;
+            Some(cpu::photons::Photons::emit(&triangles, &exact, &params)?)
+        }
+    };
+    found
+        .passes
+        .extend(sent.iter().flat_map(|sent| sent.passes()));
+    let on = (scene, world.gpu_scene);
+    let sent = sent.as_ref();
+    let mut gather = Gather::new(context, on, selection, &params, world.exact, picture, sent)?;
+    let samples = technique.ldm_samples;
+    let (light, passes) = gather.render(context, world, order.camera, samples, progress)?;
+    found.passes.extend(passes);
+    Ok(Lit {
+        direct: light.direct.into(),
+        indirect: light.indirect.into(),
+    })
 }
 
 impl From<photons::Light> for Light {

@@ -31,7 +31,46 @@ pub(crate) struct Field {
     listed: Vec<u32>,
 }
 
+/// A field as shaders read it.
+#[cfg(feature = "gpu")]
+pub(crate) struct PackedField {
+    /// Four of each, see gather/field.wesl.
+    pub(crate) footprints: Vec<[glam::Vec4; 4]>,
+    /// Where each cell's footprints begin in it, their end, and their numbers.
+    pub(crate) listed: Vec<u32>,
+    pub(crate) low: Vec3,
+    pub(crate) cell: f32,
+    pub(crate) cells: UVec3,
+}
+
 impl Field {
+    /// Relative to an origin; none where there is no light.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn packed(&self, origin: Vec3) -> Option<PackedField> {
+        if self.is_empty() {
+            return None;
+        }
+        let pack = |footprint: &Footprint| {
+            let [u, v, out] = footprint.filter;
+            let peak = footprint.peak;
+            [
+                (footprint.position - origin).extend(peak.x),
+                u.extend(peak.y),
+                v.extend(peak.z),
+                out.extend(0.0),
+            ]
+        };
+        let head = self.firsts.len() as u32;
+        let firsts = self.firsts.iter().map(|first| head + first);
+        Some(PackedField {
+            footprints: self.footprints.iter().map(pack).collect(),
+            listed: firsts.chain(self.listed.iter().copied()).collect(),
+            low: self.low - origin,
+            cell: self.cell,
+            cells: self.cells,
+        })
+    }
+
     /// Of what photons bring so much: what they light is what their surfaces send on where that is their albedo. A footprint
     /// that reaches beyond its surface has all of its light on what there is: an edge or a wall does not take it away.
     pub(crate) fn new<T: Tracer + ?Sized>(

@@ -1,4 +1,4 @@
-//! The environment through the maps: the first and the last layer of each pixel say whether anything is in its way.
+//! Points that look along the maps for what lights them: surfaces where photons landed, and the environment where there are none.
 
 use glam::{Vec3, Vec4};
 use isophote_scene::{
@@ -7,33 +7,43 @@ use isophote_scene::{
 };
 use wgpu::{BindGroup, Buffer, BufferUsages};
 
-use super::super::{
-    Filler, Points, fit, grid, linker,
-    maps::{Asked, Batch, Builder, Kept, Series},
-    triangles::Triangles,
+use super::{
+    super::{
+        BuildMethod, Filler, Points, broken, fit, grid, linker,
+        maps::{Asked, Batch, Builder, Kept, Series},
+        triangles::Triangles,
+    },
+    field::Field,
 };
 use crate::{
     PhotonParams, Result,
     cpu::{
         environment::of_frames,
+        photons,
         view::{View, longest_axis},
     },
 };
 
-/// What shines from beyond the scene, and what is in its way.
+/// What shines, and the maps through which it is seen.
 #[derive(Debug)]
-pub(super) struct Sky {
+pub(super) struct Shining {
     params: PhotonParams,
     directions: Vec<Vec3>,
-    /// Along each direction and along its opposite, W/(sr·m²).
+    /// From beyond the scene along each direction and along its opposite, W/(sr·m²).
     radiances: Vec<[Vec3; 2]>,
     triangles: Triangles,
     filler: Filler,
     builder: Builder,
     look_up: ComputePass,
+    /// What surfaces send on.
+    field: Option<Field>,
+    /// What arrives at them straight from the lights.
+    pub(super) landed: Option<Field>,
+    /// Most layers that were needed, and whether any was lost.
+    status: Buffer,
 }
 
-/// The maps of a part, around points, and what comes along them.
+/// The maps of a part, around points, and what comes from beyond along them.
 pub(super) struct Ways {
     views: Vec<View>,
     radiances: Vec<[Vec4; 2]>,
@@ -41,7 +51,7 @@ pub(super) struct Ways {
 
 /// Points that look along the maps of a part, batch by batch.
 pub(super) struct Looks<'a> {
-    sky: &'a Sky,
+    shining: &'a Shining,
     series: Series<'a>,
     group: BindGroup,
     points: u32,
@@ -54,31 +64,51 @@ impl Ways {
     }
 }
 
-impl Sky {
-    /// None where nothing shines.
+impl Shining {
     pub(super) fn new(
         context: &Context,
         (scene, gpu_scene): (&Scene, &GpuScene),
         selection: &Selection,
         params: &PhotonParams,
-    ) -> Result<Option<Self>> {
-        if !params.environment || scene.environment.is_black() {
-            return Ok(None);
-        }
+        photons: Option<&photons::Photons<'_>>,
+    ) -> Result<Self> {
         let (maps, environment) = (params.maps, &scene.environment);
         let filler = Filler::new(context)?;
+        let triangles = Triangles::new(context, scene, gpu_scene, selection, &filler)?;
+        let packed = photons.map(|photons| photons.packed(triangles.origin));
+        let upload = |packed: &_| Field::upload(context, packed);
+        let [field, landed] = packed.unwrap_or_default();
+        let field = field.as_ref().map(upload).transpose()?;
+        let landed = landed.as_ref().map(upload).transpose()?;
+        // Whether there is anything is all that is asked of the maps where no surface shines.
+        let kept = match field {
+            Some(_) => Kept::Layers(BuildMethod::Linearised),
+            None => Kept::Extents,
+        };
         let look_up = linker()
-            .feature("extents", true)
-            .link("ldm_ambient::direct::sky")?;
-        Ok(Some(Self {
+            .feature("extents", kept == Kept::Extents)
+            .feature("field", field.is_some())
+            .link("ldm_ambient::gather::look")?;
+        Ok(Self {
             params: *params,
             directions: params.directions(),
-            radiances: of_frames(environment, maps.maps, params.seed, params.frames),
-            triangles: Triangles::new(context, scene, gpu_scene, selection, &filler)?,
+            radiances: match params.environment {
+                true => of_frames(environment, maps.maps, params.seed, params.frames),
+                false => Vec::new(),
+            },
+            triangles,
             filler,
-            builder: Builder::new(context, gpu_scene, Kept::Extents, maps.resolution)?,
-            look_up: look_up.compute_pass(context, "sky", &[], &[0])?,
-        }))
+            builder: Builder::new(context, gpu_scene, kept, maps.resolution)?,
+            look_up: look_up.compute_pass(context, "look", &[], &[0])?,
+            field,
+            landed,
+            status: context.storage("status", 8)?,
+        })
+    }
+
+    /// Whether nothing is seen through the maps.
+    pub(super) fn is_dark(&self) -> bool {
+        self.field.is_none() && self.radiances.is_empty()
     }
 
     /// What positions of points are relative to, metres.
@@ -88,13 +118,28 @@ impl Sky {
 
     /// Records where the triangles are.
     pub(super) fn begin(&self, encoder: &mut wgpu::CommandEncoder, gpu_scene: &GpuScene) {
+        encoder.clear_buffer(&self.status, 0, None);
         self.triangles.record(encoder, gpu_scene, &self.filler);
+    }
+
+    pub(super) fn has_room(&mut self, context: &Context) -> Result<bool> {
+        if self.field.is_none() {
+            return Ok(true);
+        }
+        let status: Vec<u32> = context.read("status", &self.status, 2)?;
+        if status[1] != 0 {
+            return Err(broken("a pixel has more layers than there are"));
+        }
+        Ok(!self.builder.make_room(context, status[0])?)
     }
 
     pub(super) fn ways(&self, context: &Context, points: &Points, [part, parts]: [u32; 2]) -> Ways {
         let part = || (part as usize..self.directions.len()).step_by(parts.max(1) as usize);
         let directions: Vec<Vec3> = part().map(|index| self.directions[index]).collect();
-        let radiances = part().map(|index| self.radiances[index].map(|light| light.extend(0.0)));
+        let beyond = |index: usize| {
+            let light = self.radiances.get(index).copied().unwrap_or_default();
+            light.map(|light| light.extend(0.0))
+        };
         // A picture without a point is looked at as if it held everything.
         let all = [self.triangles.bounds];
         let boxes = match points.boxes.is_empty() {
@@ -106,17 +151,17 @@ impl Sky {
         let resolution = self.params.maps.resolution;
         Ways {
             views: fit(context, &directions, around, longest, resolution),
-            radiances: radiances.collect(),
+            radiances: part().map(beyond).collect(),
         }
     }
 
-    /// Ready to add to sums of pixels, by the albedos of their points.
+    /// Ready to add to what arrives at points.
     pub(super) fn looks<'a>(
         &'a self,
         context: &Context,
         ways: &'a Ways,
         points: &Points,
-        [skies, albedos]: [&Buffer; 2],
+        arriving: &Buffer,
     ) -> Result<Looks<'a>> {
         let [width, height] = points.size();
         let asked = Asked {
@@ -126,19 +171,20 @@ impl Sky {
         };
         let (builder, triangles) = (&self.builder, &self.triangles);
         let series = builder.series(context, triangles, &ways.views, asked)?;
-        let radiances = context.buffer("sky", &ways.radiances, BufferUsages::STORAGE)?;
+        let radiances = context.buffer("beyond", &ways.radiances, BufferUsages::STORAGE)?;
         let [pixels, layers] = builder.tables();
-        let resources = [
+        let mut resources = vec![
             (0, series.batches.binding()),
             pixels,
             layers,
             (3, points.buffer.as_entire_binding()),
-            (4, skies.as_entire_binding()),
-            (5, albedos.as_entire_binding()),
+            (4, arriving.as_entire_binding()),
+            (5, self.status.as_entire_binding()),
             (6, radiances.as_entire_binding()),
         ];
+        resources.extend(self.field.iter().flat_map(Field::resources));
         Ok(Looks {
-            sky: self,
+            shining: self,
             group: self.look_up.bind(context, &resources)?,
             series,
             points: asked.points,
@@ -164,7 +210,7 @@ impl Looks<'_> {
         gpu_scene: &GpuScene,
         mut timer: Option<&mut Timer>,
     ) {
-        let triangles = &self.sky.triangles;
+        let triangles = &self.shining.triangles;
         let timer_of_maps = timer.as_deref_mut();
         self.series
             .record(encoder, batch, triangles, gpu_scene, timer_of_maps);
@@ -172,7 +218,7 @@ impl Looks<'_> {
             offset: Some(UniformArray::<Batch>::offset(batch as u32)),
             workgroups: grid(u64::from(self.points).div_ceil(64)),
         };
-        let look_up = &self.sky.look_up;
-        look_up.record(encoder, "sky", timer, &[&self.group], &[dispatch]);
+        let look_up = &self.shining.look_up;
+        look_up.record(encoder, "gather", timer, &[&self.group], &[dispatch]);
     }
 }

@@ -1,0 +1,497 @@
+//! The light of what a camera sees, on a GPU: straight from the lights, by shadow rays of any tracer or by the photons that landed;
+//! from the environment, through the maps (Fig. 11); and of photons on the surfaces that points see along the maps.
+//!
+//! | | CPU | GPU |
+//! |---|---|---|
+//! | what a camera sees | [`cpu::Points::with_seen`](crate::cpu::Points::with_seen) | `shaders/gather/lights.wesl` |
+//! | lights, by rays | [`DirectLight::without_environment`](isophote_scene::DirectLight::without_environment) | the same |
+//! | lights, by photons | [`photons::Photons::direct`] | `shaders/gather/landed.wesl` |
+//! | along the maps | [`photons::Photons::light`] | `gather/looks.rs`, `shaders/gather/{look,shade}.wesl` |
+//! | footprints in a grid | `cpu/photons/field.rs` | `gather/field.rs`, `shaders/gather/field.wesl` |
+//!
+//! Photons are sent on the CPU, which cuts them at edges and shadows: there are few, and they are the same in each frame. Nothing is
+//! added by atomics: two frames of the same scene are equal bit by bit.
+
+mod field;
+mod looks;
+
+use bytemuck::{Pod, Zeroable};
+use glam::{Vec3, Vec4};
+use isophote_scene::{
+    Answers, Camera, Pass, Scene, Selection,
+    gpu::{ComputePass, Context, Dispatch, GpuScene, GpuTracer, Timer, reference::World},
+    reference::{Materials, Progress},
+    sample::hash_seed,
+};
+use wgpu::BufferUsages;
+
+use self::looks::Shining;
+use super::{
+    Look, Points, broken, finish, grid, linker,
+    photons::{Light, Targets},
+    place,
+};
+use crate::{Error, PhotonParams, Result, cpu::photons};
+
+/// Bytes of what is noted of a point, or summed up for a pixel.
+const ALBEDO: u64 = 16;
+const LIT: u64 = 32;
+const ARRIVING: u64 = 32;
+const SUMS: u64 = 64;
+
+/// What is wanted of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// Whether light is wanted that comes straight from the lights; that of the environment is found where it shines.
+    pub lights: bool,
+    /// Whether irradiance by those is wanted beside radiance, for which as many shadow rays are traced again.
+    pub irradiance: bool,
+}
+
+/// The light of a picture.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Lit {
+    /// Straight from the lights and from the environment; irradiance is empty unless it is wanted.
+    pub direct: Light,
+    /// That bounced.
+    pub indirect: Light,
+}
+
+/// Textures that [`Gather::resolve`] fills.
+#[derive(Clone, Debug)]
+pub struct LitTargets {
+    /// Straight from the lights and from the environment; behind the radiance stand 1 and the shadow rays it took.
+    pub direct: Targets,
+    /// That bounced.
+    pub indirect: Targets,
+}
+
+/// Collects the light of what a camera sees, at some places of each pixel, which share the maps.
+///
+/// 1. [`begin`](Self::begin), where the instances have moved or a new picture begins.
+/// 2. [`see`](Self::see) one place of each pixel, and [`add`](Self::add) what lights it along the maps; the same for the others.
+/// 3. [`resolve`](Self::resolve).
+/// 4. When the commands were submitted, [`has_room`](Self::has_room): where it says no, the same is to be recorded again.
+#[derive(Debug)]
+pub struct Gather {
+    params: PhotonParams,
+    picture: Picture,
+    lights: ComputePass,
+    landed: ComputePass,
+    shade: ComputePass,
+    resolve: ComputePass,
+    /// None where only lights shine, straight.
+    shining: Option<Shining>,
+    albedos: wgpu::Buffer,
+    lit: wgpu::Buffer,
+    arriving: wgpu::Buffer,
+    sums: wgpu::Buffer,
+    /// That were seen so far.
+    samples: u32,
+    /// The sum of the mean cosines along the maps that they asked.
+    weight: f32,
+}
+
+/// `Lighting` of gather/lights.wesl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct Lighting {
+    seed: u32,
+    sample: u32,
+    pbr: u32,
+    kinds: u32,
+    unlit: u32,
+    padding: [u32; 3],
+}
+
+/// `Resolving` of gather/resolve.wesl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct Resolving {
+    size: [u32; 2],
+    samples: f32,
+    weight: f32,
+}
+
+impl LitTargets {
+    /// Textures of a size in pixels, which can also be read by shaders and copied.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] when the device has no textures that large.
+    pub fn new(context: &Context, size: [u32; 2]) -> Result<Self> {
+        Ok(Self {
+            direct: Targets::new(context, size)?,
+            indirect: Targets::new(context, size)?,
+        })
+    }
+
+    /// Reads back what was submitted, and how many shadow rays it took.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] when the device fails, or has not filled them.
+    pub fn read(&self, context: &Context) -> Result<(Lit, u64)> {
+        let irradiance: Vec<Vec4> = context.read_texture("irradiance", &self.direct.irradiance)?;
+        let radiance: Vec<Vec4> = context.read_texture("radiance", &self.direct.radiance)?;
+        let is_broken = |value: &Vec4| value.w < 1.0 || !value.is_finite();
+        if irradiance.iter().chain(&radiance).any(is_broken) {
+            return Err(broken("the device did not finish, or its driver is broken"));
+        }
+        let rays = radiance.iter().map(|value| value.w as u64 - 1).sum();
+        let lit = Lit {
+            direct: Light {
+                irradiance: irradiance.into_iter().map(Vec4::truncate).collect(),
+                radiance: radiance.into_iter().map(Vec4::truncate).collect(),
+            },
+            indirect: self.indirect.read(context)?,
+        };
+        Ok((lit, rays))
+    }
+}
+
+impl Gather {
+    /// For the selected part of a scene as what light meets on its way, a tracer of camera and shadow rays, and what is wanted. Of the
+    /// parameters those of maps, materials, normals, frames and seed count, whether there is an
+    /// [environment](PhotonParams::environment), and whether light comes straight from the lights
+    /// [by photons](PhotonParams::direct). Those must be `photons` with the same parameters; without them nothing bounces.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for parameters out of their range, [`Error::Scene`] when nothing is selected, the tracer does not answer
+    /// [`Answers::Surface`], or something is too large for the device.
+    pub fn new(
+        context: &Context,
+        (scene, gpu_scene): (&Scene, &GpuScene),
+        selection: &Selection,
+        params: &PhotonParams,
+        exact: &dyn GpuTracer,
+        picture: Picture,
+        photons: Option<&photons::Photons<'_>>,
+    ) -> Result<Self> {
+        params.check()?;
+        let answers = exact.answers();
+        answers.require(Answers::Surface, "ldm", "the tracer of direct light")?;
+        let lights = linker().scene(gpu_scene).tracer(exact);
+        let lights = lights.link("ldm_ambient::gather::lights")?;
+        let groups = [exact.bind_group_layout(), gpu_scene.bind_group_layout()];
+        let pass = |module, entry_point| -> Result<ComputePass> {
+            let shader = linker().link(module)?;
+            Ok(shader.compute_pass(context, entry_point, &[], &[])?)
+        };
+        let shines = params.environment && !scene.environment.is_black();
+        let shining = match shines || photons.is_some() {
+            true => {
+                let on = (scene, gpu_scene);
+                Some(Shining::new(context, on, selection, params, photons)?)
+            }
+            false => None,
+        };
+        let pixels = u64::from(picture.size[0]) * u64::from(picture.size[1]);
+        Ok(Self {
+            params: *params,
+            picture,
+            lights: lights.compute_pass(context, "lights", &groups, &[])?,
+            landed: pass("ldm_ambient::gather::landed", "landed")?,
+            shade: pass("ldm_ambient::gather::shade", "shade")?,
+            resolve: pass("ldm_ambient::gather::resolve", "resolve")?,
+            shining,
+            albedos: context.storage("albedos", ALBEDO * pixels)?,
+            lit: context.storage("light of lights", LIT * pixels)?,
+            arriving: context.storage("light along the maps", ARRIVING * pixels)?,
+            sums: context.storage("light of pixels", SUMS * pixels)?,
+            samples: 0,
+            weight: 0.0,
+        })
+    }
+
+    /// Records that a new picture begins, of instances where `gpu_scene` has them.
+    pub fn begin(&mut self, encoder: &mut wgpu::CommandEncoder, gpu_scene: &GpuScene) {
+        (self.samples, self.weight) = (0, 0.0);
+        encoder.clear_buffer(&self.lit, 0, None);
+        encoder.clear_buffer(&self.sums, 0, None);
+        if let Some(shining) = &self.shining {
+            shining.begin(encoder, gpu_scene);
+        }
+    }
+
+    /// Records that a camera looks through another place of each pixel, sample 0 in the middle, and that the light of lights is added
+    /// there. What is seen becomes the `points`.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] when the points are of a picture of another size, [`Error::Scene`] when recording fails.
+    pub fn see(
+        &mut self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        (gpu_scene, exact): (&GpuScene, &dyn GpuTracer),
+        (camera, sample): (&Camera, u32),
+        points: &mut Points,
+        timer: Option<&mut Timer>,
+    ) -> Result<()> {
+        self.check(points)?;
+        let look = Look {
+            camera,
+            place: place(sample),
+            sample: 0,
+            normals: self.params.normals,
+        };
+        let asking = points.look(self.origin(), gpu_scene, &look);
+        let asking = context.buffer("points", &[asking], BufferUsages::UNIFORM)?;
+        let lighting = self.lighting(sample);
+        let lighting = context.buffer("lighting", &[lighting], BufferUsages::UNIFORM)?;
+        let resources = [
+            (0, asking.as_entire_binding()),
+            (1, points.buffer.as_entire_binding()),
+            (2, lighting.as_entire_binding()),
+            (3, self.albedos.as_entire_binding()),
+            (4, self.lit.as_entire_binding()),
+        ];
+        let group = self.lights.bind(context, &resources)?;
+        let groups = [&group, exact.bind_group(), gpu_scene.bind_group()];
+        let dispatch = [Dispatch::over_pixels(self.picture.size)];
+        self.lights
+            .record(encoder, "direct", timer, &groups, &dispatch);
+        self.samples += 1;
+        self.add_landed(context, encoder, points)
+    }
+
+    fn lighting(&self, sample: u32) -> Lighting {
+        Lighting {
+            seed: hash_seed(self.params.seed),
+            sample,
+            pbr: u32::from(self.params.materials == Materials::Pbr),
+            kinds: match self.picture.lights && !self.params.direct {
+                true => 1 + u32::from(self.picture.irradiance),
+                false => 0,
+            },
+            unlit: u32::from(self.picture.lights),
+            padding: [0; 3],
+        }
+    }
+
+    /// Records that the light of photons is added where they landed first.
+    fn add_landed(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        points: &Points,
+    ) -> Result<()> {
+        let landed = self.shining.as_ref().and_then(|one| one.landed.as_ref());
+        let Some(landed) = landed.filter(|_| self.picture.lights) else {
+            return Ok(());
+        };
+        let mut resources = vec![
+            (0, points.buffer.as_entire_binding()),
+            (1, self.albedos.as_entire_binding()),
+            (2, self.lit.as_entire_binding()),
+        ];
+        resources.extend(landed.resources());
+        let group = self.landed.bind(context, &resources)?;
+        self.landed
+            .record(encoder, "landed", None, &[&group], &[self.over_points()]);
+        Ok(())
+    }
+
+    /// Records that the points that were seen last get the light of one part of the maps of so many; of two, one is every other map.
+    ///
+    /// # Errors
+    /// As [`see`](Self::see).
+    pub fn add(
+        &mut self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        gpu_scene: &GpuScene,
+        points: &Points,
+        part: [u32; 2],
+        mut timer: Option<&mut Timer>,
+    ) -> Result<()> {
+        self.check(points)?;
+        let Some(shining) = self.shining.as_ref().filter(|one| !one.is_dark()) else {
+            return Ok(());
+        };
+        let ways = shining.ways(context, points, part);
+        encoder.clear_buffer(&self.arriving, 0, None);
+        let looks = shining.looks(context, &ways, points, &self.arriving)?;
+        for batch in 0..looks.len() {
+            looks.record(encoder, batch, gpu_scene, timer.as_deref_mut());
+        }
+        self.shade(context, encoder)?;
+        self.weight += ways.weight();
+        Ok(())
+    }
+
+    /// Records that what arrived at points is added to their pixels.
+    fn shade(&self, context: &Context, encoder: &mut wgpu::CommandEncoder) -> Result<()> {
+        let resources = [
+            (0, self.albedos.as_entire_binding()),
+            (1, self.arriving.as_entire_binding()),
+            (2, self.sums.as_entire_binding()),
+        ];
+        let group = self.shade.bind(context, &resources)?;
+        self.shade
+            .record(encoder, "shade", None, &[&group], &[self.over_points()]);
+        Ok(())
+    }
+
+    fn over_points(&self) -> Dispatch {
+        let pixels = u64::from(self.picture.size[0]) * u64::from(self.picture.size[1]);
+        Dispatch {
+            offset: None,
+            workgroups: grid(pixels.div_ceil(64)),
+        }
+    }
+
+    fn origin(&self) -> Vec3 {
+        self.shining
+            .as_ref()
+            .map(Shining::origin)
+            .unwrap_or_default()
+    }
+
+    fn check(&self, points: &Points) -> Result<()> {
+        if points.size() == self.picture.size {
+            return Ok(());
+        }
+        let [width, height] = points.size();
+        Err(Error::Parameter {
+            name: "the picture of the points",
+            value: format!("{width}x{height} pixels"),
+            expected: "it must be of the size for which the light was made",
+        })
+    }
+
+    /// Records that the light is written to textures. Irradiance straight from lights is in it only if it is wanted.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] when the textures are not as [`Targets`] says.
+    pub fn resolve(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        targets: &LitTargets,
+    ) -> Result<()> {
+        let resolving = Resolving {
+            size: self.picture.size,
+            samples: self.samples.max(1) as f32,
+            weight: self.weight,
+        };
+        let resolving = context.buffer("resolving", &[resolving], BufferUsages::UNIFORM)?;
+        let (direct, indirect) = (&targets.direct, &targets.indirect);
+        let textures = [
+            &direct.irradiance,
+            &direct.radiance,
+            &indirect.irradiance,
+            &indirect.radiance,
+        ];
+        let views = textures.map(|texture| texture.create_view(&Default::default()));
+        let mut resources = vec![
+            (0, resolving.as_entire_binding()),
+            (1, self.lit.as_entire_binding()),
+            (2, self.sums.as_entire_binding()),
+        ];
+        let views = views.iter().map(wgpu::BindingResource::TextureView);
+        resources.extend((3..).zip(views));
+        let group = self.resolve.bind(context, &resources)?;
+        let dispatch = [Dispatch::over_pixels(self.picture.size)];
+        self.resolve
+            .record(encoder, "resolve", None, &[&group], &dispatch);
+        Ok(())
+    }
+
+    /// Whether there was room for all layers of what was submitted since the last [`begin`](Self::begin). Where there was
+    /// not, there will be, and the picture is to be recorded again.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] when the device fails, or binds no buffers that are large enough.
+    pub fn has_room(&mut self, context: &Context) -> Result<bool> {
+        match &mut self.shining {
+            Some(shining) => shining.has_room(context),
+            None => Ok(true),
+        }
+    }
+
+    /// Lights what a camera sees, reads it back, and tells what it took. Submits in pieces that no driver's watchdog minds.
+    ///
+    /// # Errors
+    /// As [`see`](Self::see); [`Error::Scene`] when the device fails.
+    pub fn render(
+        &mut self,
+        context: &Context,
+        world: World<'_>,
+        camera: &Camera,
+        samples: u32,
+        progress: &dyn Progress,
+    ) -> Result<(Lit, Vec<Pass>)> {
+        let mut points = Points::new(context, self.picture.size)?;
+        let targets = LitTargets::new(context, self.picture.size)?;
+        let encoder = || context.device().create_command_encoder(&Default::default());
+        // More of them would ask no map.
+        let samples = samples.clamp(1, self.params.maps.maps * self.params.frames);
+        let mut passes = Vec::new();
+        let mut sample = 0;
+        while sample < samples {
+            if sample == 0 {
+                passes.clear();
+                let mut first = encoder();
+                self.begin(&mut first, world.gpu_scene);
+                context.submit("light", first)?;
+            }
+            let look = (camera, [sample, samples]);
+            self.take(context, world, look, &mut points, &mut passes)?;
+            sample = match self.has_room(context)? {
+                true => sample + 1,
+                false => 0,
+            };
+            progress.advance(u64::from(sample), u64::from(samples));
+        }
+        let mut last = encoder();
+        self.resolve(context, &mut last, &targets)?;
+        context.submit("light", last)?;
+        let (mut lit, rays) = targets.read(context)?;
+        passes[0].rays += rays;
+        if !self.picture.irradiance {
+            lit.direct.irradiance.clear();
+        }
+        Ok((lit, passes))
+    }
+
+    /// Sees and lights one place of each pixel, and waits for it, piece by piece.
+    fn take(
+        &mut self,
+        context: &Context,
+        world: World<'_>,
+        (camera, [sample, samples]): (&Camera, [u32; 2]),
+        points: &mut Points,
+        passes: &mut Vec<Pass>,
+    ) -> Result<()> {
+        let pixels = u64::from(self.picture.size[0]) * u64::from(self.picture.size[1]);
+        let encoder = || context.device().create_command_encoder(&Default::default());
+        Pass::timed(passes, "direct", || {
+            let mut encoder = encoder();
+            let on = (world.gpu_scene, world.exact);
+            let seen = self.see(context, &mut encoder, on, (camera, sample), points, None);
+            (seen.and_then(|()| finish(context, encoder)), [pixels, 0])
+        })?;
+        let Some(shining) = self.shining.as_ref().filter(|one| !one.is_dark()) else {
+            return Ok(());
+        };
+        let ways = shining.ways(context, points, [sample, samples]);
+        let looks = shining.looks(context, &ways, points, &self.arriving)?;
+        for batch in 0..looks.len() {
+            Pass::timed(passes, "gather", || {
+                let mut encoder = encoder();
+                if batch == 0 {
+                    encoder.clear_buffer(&self.arriving, 0, None);
+                }
+                looks.record(&mut encoder, batch, world.gpu_scene, None);
+                let rays = looks.maps(batch) as u64 * pixels;
+                (finish(context, encoder), [rays, 0])
+            })?;
+        }
+        let mut last = encoder();
+        self.shade(context, &mut last)?;
+        context.submit("light", last)?;
+        self.weight += ways.weight();
+        Ok(())
+    }
+}
