@@ -36,7 +36,8 @@ pub struct Adapter {
 const OPTIONAL: Features = Features::TIMESTAMP_QUERY
     .union(Features::TIMESTAMP_QUERY_INSIDE_ENCODERS)
     .union(Features::EXPERIMENTAL_RAY_QUERY)
-    .union(Features::FLOAT32_FILTERABLE);
+    .union(Features::FLOAT32_FILTERABLE)
+    .union(Features::FLOAT32_BLENDABLE);
 
 /// All adapters, the one that is likely the fastest first.
 pub fn adapters() -> Vec<Adapter> {
