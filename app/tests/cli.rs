@@ -633,6 +633,14 @@ fn the_technique_ldm_renders() {
             ],
             "bounce once",
         ),
+        (
+            &[
+                "--technique=ldm",
+                "--quantity=indirect",
+                "--ldm-splat=quads",
+            ],
+            "--device gpu",
+        ),
         (&["--ldm-maps=4"], "--technique ldm"),
         (
             &["--technique=ldm", "--quantity=ao", "--ldm-occlusion=hbao"],

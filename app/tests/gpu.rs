@@ -343,6 +343,41 @@ fn the_technique_ldm_renders_the_same_picture() {
     }
 }
 
+/// Splats are the same light by tiles and by quads.
+#[test]
+fn the_technique_ldm_splats_in_both_ways() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let Some(adapter) = adapters(at).into_iter().next() else {
+        return;
+    };
+    let name = adapter["name"].as_str().unwrap();
+    for way in ["tiled", "quads"] {
+        let splat = format!("--ldm-splat={way}");
+        let output = format!("{way}.exr");
+        let render = [
+            "render",
+            "builtin:cornell",
+            "--technique=ldm",
+            "--quantity=indirect",
+            "--size=24x18",
+            "--ldm-maps=16",
+            "--ldm-resolution=32",
+            "--ldm-photons=8",
+            "--device=gpu",
+            "--adapter",
+            name,
+            &splat,
+            "--json",
+            "-o",
+            &output,
+        ];
+        json(at, &render);
+    }
+    let compared = json(at, &["compare", "quads.exr", "tiled.exr", "--json"]);
+    assert!(compared["rel_rmse"].as_f64().unwrap() < 1e-4, "{compared}");
+}
+
 #[test]
 fn wrong_devices_are_refused() {
     let folder = tempfile::tempdir().unwrap();

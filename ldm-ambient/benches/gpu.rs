@@ -1,20 +1,25 @@
 //! What ambient occlusion takes on the GPU, maps built included, in both ways of building them, beside the compute BVH with as many
-//! rays a pixel: one line of JSON for each case.
+//! rays a pixel; and what the stages of splatted photons take, in both ways of splatting: one line of JSON for each case.
 //!
 //! ```sh
-//! cargo bench -p isophote-ldm-ambient --features gpu --bench gpu -- SCENE [--size WxH] [--case MAPS:RESOLUTION:D_MAX]...
+//! cargo bench -p isophote-ldm-ambient --features gpu --bench gpu -- SCENE [--size WxH] [--case MAPS:RESOLUTION:D_MAX]... \
+//!     [--splats MAPS:RESOLUTION:RASTER:SPLAT_SIZE]...
 //! ```
 //!
 //! The shortest of three times each, seen points not counted for maps; of the passes of one more picture the device's own times,
-//! where it has a clock. `D_MAX` is in metres, or `inf`, without which both ways are the same.
+//! where it has a clock. `D_MAX` is in metres, or `inf`, without which both ways are the same. Of photons, `splatting` is listing and
+//! adding, and `share` its share of the time in which the device was at work.
 
 use std::{collections::BTreeMap, path::Path, sync::Arc, time::Instant};
 
 use glam::Vec2;
 
 use isophote_ldm_ambient::{
-    MapParams, OcclusionParams,
-    gpu::{BuildMethod, CameraPoints, Look, Occlusion, Points},
+    Deposit, MapParams, OcclusionParams, PhotonParams,
+    gpu::{
+        BuildMethod, CameraPoints, Look, Occlusion, Points,
+        photons::{Photons, SplatMethod},
+    },
 };
 use isophote_scene::{
     Pass, Scene, Selection, builtin,
@@ -23,14 +28,15 @@ use isophote_scene::{
         reference::{Integrator, World},
     },
     load,
-    reference::{Normals, Quantity, Settings},
+    reference::{Materials, Normals, Quantity, Settings},
 };
 use serde_json::{Value, json};
 
 const REPEATS: usize = 3;
 
 fn main() {
-    let (mut name, mut size, mut cases) = ("builtin:office".to_owned(), [160, 120], Vec::new());
+    let (mut name, mut size) = ("builtin:office".to_owned(), [160, 120]);
+    let (mut cases, mut splats) = (Vec::new(), Vec::new());
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         let mut value = || words.next().expect("a value");
@@ -43,6 +49,7 @@ fn main() {
                 size = [width, height].map(|side| side.parse().expect("a number"));
             }
             "--case" => cases.push(value()),
+            "--splats" => splats.push(value()),
             flag if flag.starts_with("--") => panic!("what is {flag}?"),
             scene => name = scene.into(),
         }
@@ -63,8 +70,11 @@ fn main() {
         exact: &tree,
         secondary: &tree,
     };
-    for case in &cases {
-        let mut line = measure(&context, world, size, case);
+    let occlusion = cases
+        .iter()
+        .map(|case| measure(&context, world, size, case));
+    let light = splats.iter().map(|case| splat(&context, world, size, case));
+    for mut line in occlusion.chain(light) {
         line["adapter"] = json!(adapter.info.name);
         println!("{line}");
     }
@@ -163,4 +173,54 @@ fn passes(
         *seconds.entry(pass.name).or_default() += pass.time.as_secs_f64();
     }
     seconds
+}
+
+/// What the stages of photons take, by the device's clock, in both ways of splatting.
+fn splat(context: &Context, world: World<'_>, size: [u32; 2], case: &str) -> Value {
+    let mut words = case.split(':');
+    let mut word = || words.next().expect("MAPS:RESOLUTION:RASTER:SPLAT_SIZE");
+    let maps = MapParams {
+        maps: word().parse().expect("a number"),
+        resolution: word().parse().expect("a number"),
+        ..MapParams::default()
+    };
+    let params = PhotonParams {
+        maps,
+        raster: word().parse().expect("a number"),
+        splat_size: word().parse().expect("a number"),
+        deposit: Deposit::Splatted,
+        flatness: 3.0,
+        materials: Materials::Lambert,
+        ..PhotonParams::default()
+    };
+    let [tiled, quads] = [SplatMethod::Tiled, SplatMethod::Quads].map(|method| {
+        let (on, selection) = ((world.scene, world.gpu_scene), Selection::default());
+        let photons = Photons::new(context, on, &selection, &params, world.exact, method, size);
+        let mut photons = photons.expect("pipelines");
+        let times = (0..REPEATS).map(|_| stages(context, world, &mut photons));
+        let of_all = |times: &Value| times["all"].as_f64().unwrap_or(f64::INFINITY);
+        times.min_by(|a, b| of_all(a).total_cmp(&of_all(b)))
+    });
+    json!({
+        "maps": maps.maps, "resolution": maps.resolution, "size": size,
+        "raster": params.raster, "splat_size": params.splat_size,
+        "tiled": tiled, "quads": quads,
+    })
+}
+
+fn stages(context: &Context, world: World<'_>, photons: &mut Photons) -> Value {
+    let camera = &world.scene.cameras[0];
+    let made = photons.render(context, world, camera, &|_, _| {});
+    let (_, passes) = made.expect("a picture");
+    let of = |names: &[&str]| -> f64 {
+        let named = passes.iter().filter(|pass| names.contains(&pass.name));
+        named.map(|pass| pass.seconds).sum()
+    };
+    // All of it by the clock on the wall.
+    let all = of(&["photons"]);
+    let splatting = of(&["bins", "splat"]);
+    json!({
+        "all": all, "maps": of(&["maps"]), "split": of(&["split"]), "bins": of(&["bins"]), "splat": of(&["splat"]),
+        "splatting": splatting, "share": splatting / all,
+    })
 }

@@ -76,6 +76,7 @@ pub const SHADERS: ShaderPackage = shader_package!(
         "photons/bin",
         "photons/emission",
         "photons/footprint",
+        "photons/quads",
         "photons/resolve",
         "photons/splat",
         "photons/splats",

@@ -23,7 +23,7 @@
 //! | Eq. (1) to (3), obscurance | [`cpu::occlusion::Occlusion`] |
 //! | §3.4, D x and D d, transfer (Igehy 1999), rotation by α | `cpu/photons/differential.rs` |
 //! | §4.2, photons leave the light's view; splitting | `cpu/photons/{views,emission}.rs`, [`cpu::photons::light`] |
-//! | Eq. (4) to (7), footprints and splatting | `cpu/photons/footprint.rs`, `cpu/photons/splat.rs` |
+//! | Eq. (4) to (7), footprints and splatting | `cpu/photons/footprint.rs`, `cpu/photons/splat.rs`; as quads that blending adds, `gpu/photons/splats/quads.rs` |
 //! | Fig. 11, environment light through the maps | `cpu/environment.rs`, [`cpu::photons::Gathered::sky`], `gpu/gather/looks.rs` |
 //! | §6, glossy by the nearest direction | `cpu/photons/glossy.rs`, [`Photons::mirrored`] |
 //! | §6, direct light from photons | [`PhotonParams::direct`], [`Photons::direct`] |
@@ -59,7 +59,7 @@
 //!   divided by the part of the footprint that is on a surface (`cpu/photons/{cut,field}.rs`).
 //! - Photons that are splatted land in the planes of what the camera sees, which the map's distance only chooses; those whose middle is hidden
 //!   or outside of the picture count where their footprint is not.
-//! - Splatting is tiled, without atomics; the filter's third row reaches a share of the footprint's radius out of its plane.
+//! - Splatting is tiled, without atomics (on GPUs the paper's quads can be chosen); the filter's third row reaches a share of the footprint's radius out of its plane.
 
 pub mod cpu;
 mod directions;

@@ -7,7 +7,7 @@
 
 use std::sync::Arc;
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use isophote_ldm_ambient::{
     Deposit, MapParams, OcclusionParams, PhotonParams,
     cpu::{
@@ -15,7 +15,10 @@ use isophote_ldm_ambient::{
         occlusion::{self, Sky},
         photons::light,
     },
-    gpu::{BuildMethod, GBufferPoints, Look, Occlusion, Points, Targets, photons::Photons},
+    gpu::{
+        BuildMethod, GBufferPoints, Look, Occlusion, Points, Targets,
+        photons::{Photons, SplatMethod},
+    },
 };
 use isophote_scene::{
     Alpha, BuildTracer, BvhOptions, BvhTracer, ColorSpace, Scene, Selection, Texture, TextureRef,
@@ -33,6 +36,8 @@ const COUNT: usize = (SIZE[0] * SIZE[1]) as usize;
 const MOST: f32 = 0.001;
 /// The same for the light of photons, whose parts land elsewhere where a distance is rounded.
 const MOST_OF_LIGHT: f32 = 0.011;
+/// And by quads beside tiles, which add the same splats one by one.
+const MOST_OF_QUADS: f32 = 1e-5;
 
 fn params(d_max: f32) -> OcclusionParams {
     OcclusionParams {
@@ -293,7 +298,16 @@ fn maps_follow_what_moves() {
     check("moved", &after, &expected, MOST);
 }
 
-/// Photons that leave points, spots, the sun and surfaces splat the light that they splat on the CPU, twice the same.
+/// relRMSE of light.
+fn off_light(found: &[Vec3], expected: &[Vec3]) -> f32 {
+    let pairs = found.iter().zip(expected);
+    let off: f32 = pairs.map(|(a, b)| (*a - *b).length_squared()).sum();
+    let sum: f32 = expected.iter().map(|light| light.element_sum()).sum();
+    (off * 3.0 * COUNT as f32).sqrt() / sum
+}
+
+/// Photons that leave points, spots, the sun and surfaces splat the light that they splat on the CPU, twice the same; by tiles and
+/// by quads.
 #[test]
 fn photons_are_those_of_the_cpu() {
     let Some(context) = Context::for_tests() else {
@@ -323,28 +337,23 @@ fn photons_are_those_of_the_cpu() {
         };
         let on = (&**scene, &ground.gpu_scene);
         let selection = Selection::default();
-        let mut photons = Photons::new(&context, on, &selection, &params, &tracer, SIZE).unwrap();
-        let [found, again] = [0; 2].map(|_| {
-            let made = photons.render(&context, world, camera, &|_, _| {});
-            made.unwrap().0
+        let [found, quads] = [SplatMethod::Tiled, SplatMethod::Quads].map(|method| {
+            let made = Photons::new(&context, on, &selection, &params, &tracer, method, SIZE);
+            let mut photons = made.unwrap();
+            let [found, again] = [0; 2].map(|_| {
+                let made = photons.render(&context, world, camera, &|_, _| {});
+                made.unwrap().0
+            });
+            assert_eq!(found, again, "{name}, {method:?}: no flicker");
+            found
         });
-        assert_eq!(found, again, "{name}: no flicker");
-        let off: f32 = found
-            .irradiance
-            .iter()
-            .zip(&expected.indirect)
-            .map(|(a, b)| (*a - *b).length_squared())
-            .sum();
-        let sum: f32 = expected
-            .indirect
-            .iter()
-            .map(|light| light.element_sum())
-            .sum();
-        let error = (off * 3.0 * COUNT as f32).sqrt() / sum;
-        println!("{name}: relRMSE {error:.1e} of light");
+        let error = off_light(&found.irradiance, &expected.indirect);
+        let of_quads = off_light(&quads.irradiance, &found.irradiance);
+        println!("{name}: relRMSE {error:.1e} of light; of quads beside tiles {of_quads:.1e}");
         assert!(error < MOST_OF_LIGHT, "{name}: {error}");
-        let sent = |(seen, light): (&Option<isophote_scene::Seen>, &glam::Vec3)| {
-            let albedo = seen.as_ref().map_or(glam::Vec3::ZERO, |seen| seen.albedo());
+        assert!(of_quads < MOST_OF_QUADS, "{name}: {of_quads}");
+        let sent = |(seen, light): (&Option<isophote_scene::Seen>, &Vec3)| {
+            let albedo = seen.as_ref().map_or(Vec3::ZERO, |seen| seen.albedo());
             albedo / std::f32::consts::PI * *light
         };
         let expected = seen.pixels.iter().zip(&found.irradiance).map(sent);

@@ -9,7 +9,7 @@ use isophote_ldm_ambient::{
     gpu::{
         BuildMethod, GBufferPoints, Look, Occlusion, Points, Targets,
         gather::{Gather, Picture},
-        photons::Photons,
+        photons::{Photons, SplatMethod},
     },
 };
 use isophote_scene::{
@@ -133,20 +133,24 @@ fn photons_build() {
             exact: &**tracer,
             secondary: &**tracer,
         };
-        let make = |params: &PhotonParams| {
+        let make = |params: &PhotonParams, method| {
             let on = (&*scene, &gpu_scene);
-            Photons::new(&context, on, &selection, params, &**tracer, SIZE)
+            Photons::new(&context, on, &selection, params, &**tracer, method, SIZE)
         };
-        let made = make(&fine)
-            .unwrap()
-            .render(&context, world, &scene.cameras[0], &|_, _| {});
-        // This device computes nothing, which is found out.
-        assert!(made.is_err());
+        for method in [SplatMethod::Tiled, SplatMethod::Quads] {
+            let mut photons = make(&fine, method).unwrap();
+            let made = photons.render(&context, world, &scene.cameras[0], &|_, _| {});
+            // This device computes nothing, which is found out.
+            assert!(made.is_err());
+        }
         let gathered = PhotonParams {
             deposit: Deposit::Gathered,
             ..fine
         };
-        assert!(matches!(make(&gathered), Err(Error::Parameter { .. })));
+        assert!(matches!(
+            make(&gathered, SplatMethod::Tiled),
+            Err(Error::Parameter { .. })
+        ));
     }
 }
 
@@ -237,4 +241,48 @@ fn what_does_not_fit_is_refused() {
         made.map(drop),
         Err(Error::Scene(SceneError::TracerKnowsLess { .. }))
     ));
+}
+
+/// Quads need a device that blends 32-bit floats; tiles do not.
+#[test]
+fn quads_are_refused_where_nothing_blends_them() {
+    let noop = wgpu::NoopBackendOptions {
+        enable: true,
+        ..Default::default()
+    };
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+        backends: wgpu::Backends::NOOP,
+        backend_options: wgpu::BackendOptions {
+            noop,
+            ..Default::default()
+        },
+        ..wgpu::InstanceDescriptor::new_without_display_handle()
+    });
+    let adapter = now(instance.request_adapter(&Default::default())).unwrap();
+    let (device, queue) = now(adapter.request_device(&Default::default())).unwrap();
+    let context = Context::new(device, queue);
+    let scene = Arc::new(builtin::build("builtin:cornell").unwrap());
+    let gpu_scene = GpuScene::new(&context, &scene).unwrap();
+    let selection = Selection::default();
+    let tracer = ComputeBvhTracer::build(&context, &scene, &selection, &()).unwrap();
+    let params = PhotonParams {
+        deposit: Deposit::Splatted,
+        ..PhotonParams::default()
+    };
+    let make = |method| {
+        let on = (&*scene, &gpu_scene);
+        Photons::new(&context, on, &selection, &params, &tracer, method, SIZE)
+    };
+    assert!(make(SplatMethod::Tiled).is_ok());
+    let error = make(SplatMethod::Quads).map(drop).unwrap_err().to_string();
+    assert!(error.contains("choose tiles"), "{error}");
+}
+
+/// What is there at once, as all of this device is.
+fn now<T>(future: impl Future<Output = T>) -> T {
+    let mut context = std::task::Context::from_waker(std::task::Waker::noop());
+    match std::pin::pin!(future).poll(&mut context) {
+        std::task::Poll::Ready(value) => value,
+        std::task::Poll::Pending => panic!("it waits"),
+    }
 }

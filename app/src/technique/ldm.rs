@@ -66,6 +66,13 @@ pub(crate) struct LdmTechnique {
                 given, and splatted on GPUs"
     )]
     ldm_deposit: Option<DepositChoice>,
+    #[arg(
+        long,
+        value_enum,
+        value_name = "WAY",
+        help = "How GPUs add splats up, which only differs in speed; tiled unless given"
+    )]
+    ldm_splat: Option<SplatChoice>,
     /// Diffuse reflections between the lights and what is lit
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
     ldm_bounces: u32,
@@ -107,6 +114,14 @@ enum DepositChoice {
     Gathered,
     /// Every part of a photon is splatted where it lands, as in the paper
     Splatted,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum SplatChoice {
+    /// Listed for the tiles of the picture, which add them
+    Tiled,
+    /// Drawn as quads and added by blending, as in the paper
+    Quads,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -191,6 +206,10 @@ impl Technique for LdmTechnique {
             return on_gpu::render(self, scene, gpu, exact, &order, progress);
         }
         let Tracers { exact, .. } = ground.on_cpu().context("it runs on the CPU")?;
+        ensure!(
+            self.ldm_splat.is_none(),
+            "--ldm-splat is how GPUs add splats up: leave it out, or add --device gpu"
+        );
         let triangles = Triangles::new(scene, &scene.transforms(), order.selection)?;
         let mut found = Found::default();
         if order.wants(Quantity::is_occlusion) {

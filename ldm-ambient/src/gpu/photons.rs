@@ -3,7 +3,7 @@
 //!
 //! The rays that leave the lights are found once, on the CPU: there are few, and they are the same in each frame. Where they land is
 //! found by any tracer. Splats are made, listed and added batch by batch, so that memory does not grow with the number of
-//! maps; nothing is added by atomics, so two frames of the same scene are equal bit by bit.
+//! maps; nothing is added by atomics, so two frames of the same scene are equal bit by bit. [`SplatMethod`]: by tiles, or as quads.
 
 mod splats;
 
@@ -19,6 +19,7 @@ use isophote_scene::{
 };
 use wgpu::BufferUsages;
 
+pub use self::splats::SplatMethod;
 use self::splats::Splats;
 use super::{
     BuildMethod, CameraPoints, Filler, Look, Points, broken, finish, fit, grid, linker,
@@ -144,14 +145,15 @@ impl Photons {
     ///
     /// # Errors
     /// [`Error::Parameter`] for parameters out of their range and for those that are not [`Deposit::Splatted`] and
-    /// [`Spread::Parallel`], [`Error::Scene`] when nothing is selected, the tracer does not answer [`Answers::Surface`], or
-    /// something is too large for the device.
+    /// [`Spread::Parallel`], or for [`SplatMethod::Quads`] where the device does not blend 32-bit floats, [`Error::Scene`] when
+    /// nothing is selected, the tracer does not answer [`Answers::Surface`], or something is too large for the device.
     pub fn new(
         context: &Context,
         (scene, gpu_scene): (&Scene, &GpuScene),
         selection: &Selection,
         params: &PhotonParams,
         exact: &dyn GpuTracer,
+        method: SplatMethod,
         size: [u32; 2],
     ) -> Result<Self> {
         params.check()?;
@@ -168,7 +170,11 @@ impl Photons {
         let filler = Filler::new(context)?;
         let kept = Kept::Layers(BuildMethod::Linearised);
         let traced = |name, entry_point| -> Result<ComputePass> {
-            let shader = linker().scene(gpu_scene).tracer(exact).link(name)?;
+            let shader = linker()
+                .scene(gpu_scene)
+                .tracer(exact)
+                .feature("quads", method == SplatMethod::Quads)
+                .link(name)?;
             let groups = [exact.bind_group_layout(), gpu_scene.bind_group_layout()];
             Ok(shader.compute_pass(context, entry_point, &groups, &[])?)
         };
@@ -184,7 +190,7 @@ impl Photons {
             resolve: traced("ldm_ambient::photons::resolve", "resolve")?,
             directions: params.directions(),
             views: Vec::new(),
-            splats: Splats::new(context, size, builder.maps_at_once())?,
+            splats: Splats::new(context, method, size, builder.maps_at_once())?,
             builder,
             points: context.storage("photons as points", RECORD)?,
             photons: context.storage("photons", RECORD)?,
@@ -395,7 +401,7 @@ impl Photons {
         let (irradiance, radiance) = (view(&targets.irradiance), view(&targets.radiance));
         let resources = [
             (0, resolving.as_entire_binding()),
-            (1, self.splats.light.as_entire_binding()),
+            (1, self.splats.light()),
             (2, wgpu::BindingResource::TextureView(&irradiance)),
             (3, wgpu::BindingResource::TextureView(&radiance)),
         ];
@@ -464,7 +470,7 @@ impl Photons {
             context.submit("photons", begun)?;
             let before = passes.len();
             for batch in 0..self.batches() {
-                let mut timer = Timer::new(context, 32);
+                let mut timer = Timer::new(context, 32 + self.splats.passes());
                 let mut encoder = encoder();
                 let seen = (camera, &screen);
                 let scene = world.gpu_scene;

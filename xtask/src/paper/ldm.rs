@@ -6,6 +6,7 @@ mod ao;
 mod indirect;
 mod seen;
 mod speed;
+mod splatting;
 
 use anyhow::Result;
 use serde_json::Value;
@@ -26,11 +27,12 @@ pub(super) const REPORT: Report = Report {
     sections: &SECTIONS,
 };
 
-const SECTIONS: [(&str, Measure); 6] = [
+const SECTIONS: [(&str, Measure); 7] = [
     ("ao", ao::measure),
     ("speed", speed::measure),
     ("memory", speed::measure_memory),
     ("indirect", indirect::measure),
+    ("splatting", splatting::measure),
     ("flicker", seen::measure_flicker),
     ("figures", seen::measure_figures),
 ];

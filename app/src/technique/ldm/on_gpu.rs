@@ -8,7 +8,7 @@ use isophote_ldm_ambient::{
     gpu::{
         BuildMethod, Occlusion,
         gather::{Gather, Picture},
-        photons::{self, Photons},
+        photons::{self, Photons, SplatMethod},
     },
 };
 use isophote_scene::{
@@ -21,7 +21,7 @@ use isophote_scene::{
 };
 
 use super::{
-    DepositChoice, Found, GlossyChoice, LdmTechnique, OcclusionChoice,
+    DepositChoice, Found, GlossyChoice, LdmTechnique, OcclusionChoice, SplatChoice,
     light::{Light, Lit, is_bounced, is_direct, is_irradiance},
 };
 use crate::{
@@ -117,7 +117,12 @@ fn find_light(
         let params = technique.photons(order, DepositChoice::Splatted);
         let (context, on) = (&gpu.context, (world.scene, world.gpu_scene));
         let (exact, size) = (world.exact, order.size);
-        let mut photons = Photons::new(context, on, order.selection, &params, exact, size)?;
+        let method = match technique.ldm_splat {
+            Some(SplatChoice::Quads) => SplatMethod::Quads,
+            Some(SplatChoice::Tiled) | None => SplatMethod::Tiled,
+        };
+        let selection = order.selection;
+        let mut photons = Photons::new(context, on, selection, &params, exact, method, size)?;
         let (light, passes) = photons.render(context, world, order.camera, progress)?;
         lit.indirect = light.into();
         found.passes.extend(passes);

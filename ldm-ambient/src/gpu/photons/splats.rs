@@ -1,4 +1,7 @@
-//! The splats of a batch of maps: made, listed for the bins of the picture, and added by its tiles.
+//! The splats of a batch of maps: made, one for each photon and map or none, and added to the light of the picture.
+
+mod quads;
+mod tiles;
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
@@ -8,23 +11,30 @@ use isophote_scene::{
 };
 use wgpu::{BindGroup, BindingResource, Buffer, BufferUsages};
 
+use self::{
+    quads::Quads,
+    tiles::{Lists, Tiles},
+};
 use super::super::{grid, linker, maps::Batch};
 use crate::{PhotonParams, Result};
 
-/// Pixels of a tile's side, `TILE` of photons/splat.wesl.
-const TILE: u32 = 16;
-/// Bins of a picture at most, `BINS` of photons/bin.wesl.
-const BINS: u32 = 256;
-/// Splats of a block, `BLOCK` of photons/bin.wesl.
-const BLOCK: u64 = 256;
-/// Values that one workgroup sums up, `BLOCK` of scan.wesl.
-const SUMMED: u64 = 2048;
 /// Photons that are split together.
 const MANY: u32 = 1 << 15;
 /// Bytes of a splat.
 const SPLAT: u64 = 32;
-/// Bins of a splat on the average, for which there is room at first.
-const ENTRIES: u64 = 2;
+
+/// How splats are added up on a GPU: the same light but for rounding. Both add in the order of the splats, so that two frames of
+/// the same scene are equal bit by bit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum SplatMethod {
+    /// By the tiles of the picture: prefix sums list for them what reaches them, and each pixel reads and writes its light once.
+    #[default]
+    Tiled,
+    /// The paper's (§4.2): each splat is an instance of a quad that additive blending adds, in the order in which they are drawn,
+    /// as graphics interfaces guarantee. The device must blend 32-bit floats
+    /// ([`FLOAT32_BLENDABLE`](wgpu::Features::FLOAT32_BLENDABLE)): sums of many small splats would be lost in 16 bits.
+    Quads,
+}
 
 /// `Splatting` of photons/splats.wesl.
 #[repr(C)]
@@ -40,10 +50,7 @@ struct Splatting {
     first: u32,
     size: [u32; 2],
     count: u32,
-    bin: u32,
-    bins: [u32; 2],
-    blocks: u32,
-    capacity: u32,
+    lists: Lists,
 }
 
 /// What splats are made of.
@@ -59,97 +66,77 @@ pub(super) struct Resources<'a> {
 #[derive(Debug)]
 pub(super) struct Splats {
     size: [u32; 2],
-    /// Pixels of a bin's side.
-    bin: u32,
     maps: usize,
     split: ComputePass,
-    count: ComputePass,
-    /// `sum_blocks`, `sum_totals`, `add_totals`.
-    scan: [ComputePass; 3],
-    list: ComputePass,
-    splat: ComputePass,
-    /// W/m².
-    pub(super) light: Buffer,
+    adder: Adder,
     /// Most layers and entries that were needed, and whether a layer was lost.
     status: Buffer,
     photons: u32,
-    memory: Memory,
+    splats: Buffer,
 }
 
+/// Who adds them.
 #[derive(Debug)]
-struct Memory {
-    splats: Buffer,
-    firsts: Buffer,
-    totals: Buffer,
-    listed: Buffer,
-    blocks: u32,
-    capacity: u32,
+enum Adder {
+    Tiles(Box<Tiles>),
+    Quads(Quads),
 }
 
 /// What is bound for some photons.
 pub(super) struct Groups {
     photons: u32,
     split: BindGroup,
-    count: BindGroup,
-    scan: [BindGroup; 3],
-    list: BindGroup,
-    splat: BindGroup,
+    /// Of each pass of who adds.
+    added: Vec<BindGroup>,
 }
 
 impl Splats {
-    pub(super) fn new(context: &Context, size: [u32; 2], maps: usize) -> Result<Self> {
-        let pass = |name, entry_point| -> Result<ComputePass> {
-            Ok(linker()
-                .link(name)?
-                .compute_pass(context, entry_point, &[], &[0])?)
-        };
-        let scan = linker().link("ldm_ambient::scan")?;
-        let sum = |entry_point| scan.compute_pass(context, entry_point, &[], &[]);
-        let mut bin = TILE;
-        while size[0].div_ceil(bin) * size[1].div_ceil(bin) > BINS {
-            bin *= 2;
-        }
-        let pixels = u64::from(size[0]) * u64::from(size[1]);
+    pub(super) fn new(
+        context: &Context,
+        method: SplatMethod,
+        size: [u32; 2],
+        maps: usize,
+    ) -> Result<Self> {
+        let split = linker().link("ldm_ambient::photons::split")?;
         Ok(Self {
             size,
-            bin,
             maps,
-            split: pass("ldm_ambient::photons::split", "split")?,
-            count: pass("ldm_ambient::photons::bin", "count")?,
-            scan: [sum("sum_blocks")?, sum("sum_totals")?, sum("add_totals")?],
-            list: pass("ldm_ambient::photons::bin", "list")?,
-            splat: pass("ldm_ambient::photons::splat", "splat")?,
-            light: context.storage("light of photons", 16 * pixels)?,
+            split: split.compute_pass(context, "split", &[], &[0])?,
+            adder: match method {
+                SplatMethod::Tiled => Adder::Tiles(Box::new(Tiles::new(context, size)?)),
+                SplatMethod::Quads => Adder::Quads(Quads::new(context, size)?),
+            },
             status: context.storage("status", 12)?,
             photons: 0,
-            memory: Memory::new(context, 1, 1, 1)?,
+            splats: context.storage("splats", SPLAT)?,
         })
     }
 
-    fn bins(&self) -> [u32; 2] {
-        self.size.map(|side| side.div_ceil(self.bin))
+    /// The light that is added up, W/m²: a buffer, or a texture where they are quads.
+    pub(super) fn light(&self) -> BindingResource<'_> {
+        match &self.adder {
+            Adder::Tiles(tiles) => tiles.light.as_entire_binding(),
+            Adder::Quads(quads) => BindingResource::TextureView(&quads.light),
+        }
     }
 
     /// Makes room for the splats of so many photons.
     pub(super) fn reserve(&mut self, context: &Context, photons: u32) -> Result<()> {
         self.photons = photons;
         let slots = u64::from(photons.min(MANY)) * self.maps as u64;
-        let [columns, rows] = self.bins();
-        let capacity = (ENTRIES * slots).max(u64::from(self.memory.capacity));
-        self.memory = Memory::new(context, slots, u64::from(columns * rows), capacity)?;
-        Ok(())
+        self.splats = context.storage("splats", SPLAT * slots)?;
+        match &mut self.adder {
+            Adder::Tiles(tiles) => tiles.reserve(context, slots),
+            Adder::Quads(_) => Ok(()),
+        }
     }
 
-    /// Makes room for so many entries; whether there was not.
+    /// Makes room for so many entries of lists; whether there was not.
     pub(super) fn make_room(&mut self, context: &Context, needed: u32) -> Result<bool> {
-        if needed <= self.memory.capacity {
-            return Ok(false);
+        match &mut self.adder {
+            Adder::Tiles(tiles) => tiles.make_room(context, needed),
+            Adder::Quads(_) => Ok(false),
         }
-        // A little more, so that what moves a little still has room.
-        self.memory.capacity = needed.saturating_add(needed / 4);
-        let bytes = 4 * u64::from(self.memory.capacity);
-        self.memory.listed = context.storage("splats of bins", bytes)?;
-        Ok(true)
     }
 
     pub(super) fn status(&self, context: &Context) -> Result<[u32; 3]> {
@@ -157,10 +144,18 @@ impl Splats {
         Ok([status[0], status[1], status[2]])
     }
 
+    /// Passes that a batch takes, at most.
+    pub(super) fn passes(&self) -> u32 {
+        (1 + tiles::PASSES as u32) * self.photons.div_ceil(MANY)
+    }
+
     /// Records that there is no light yet.
     pub(super) fn begin(&self, encoder: &mut wgpu::CommandEncoder) {
-        encoder.clear_buffer(&self.light, 0, None);
         encoder.clear_buffer(&self.status, 0, None);
+        match &self.adder {
+            Adder::Tiles(tiles) => encoder.clear_buffer(&tiles.light, 0, None),
+            Adder::Quads(quads) => quads.clear(encoder),
+        }
     }
 
     /// What is bound for as many photons as are split together, as often as it takes.
@@ -184,10 +179,10 @@ impl Splats {
                 first,
                 size: self.size,
                 count: (self.photons - first).min(MANY),
-                bin: self.bin,
-                bins: self.bins(),
-                blocks: self.memory.blocks,
-                capacity: self.memory.capacity,
+                lists: match &self.adder {
+                    Adder::Tiles(tiles) => tiles.lists(),
+                    Adder::Quads(_) => Lists::zeroed(),
+                },
             };
             self.group(context, splatting, &resources)
         };
@@ -200,57 +195,26 @@ impl Splats {
         splatting: Splatting,
         resources: &Resources<'_>,
     ) -> Result<Groups> {
-        let Memory {
-            splats,
-            firsts,
-            totals,
-            listed,
-            ..
-        } = &self.memory;
         let uniform = context.buffer("splatting", &[splatting], BufferUsages::UNIFORM)?;
-        let bind = |pass: &ComputePass, own: &[(u32, &Buffer)]| {
-            let [pixels, layers] = resources.tables.clone();
-            let mut all = vec![
-                (0, resources.batches.clone()),
-                pixels,
-                layers,
-                (3, uniform.as_entire_binding()),
-                (4, resources.points.as_entire_binding()),
-                (5, resources.photons.as_entire_binding()),
-            ];
-            let own = own
-                .iter()
-                .map(|(binding, buffer)| (*binding, buffer.as_entire_binding()));
-            all.extend(own);
-            pass.bind(context, &all)
-        };
-        let (screen, status, light) = (resources.screen, &self.status, &self.light);
-        let sums = [
-            (1, firsts.as_entire_binding()),
-            (2, totals.as_entire_binding()),
+        let [pixels, layers] = resources.tables.clone();
+        let all = [
+            (0, resources.batches.clone()),
+            pixels,
+            layers,
+            (3, uniform.as_entire_binding()),
+            (4, resources.points.as_entire_binding()),
+            (5, resources.photons.as_entire_binding()),
+            (6, self.splats.as_entire_binding()),
+            (7, resources.screen.as_entire_binding()),
+            (8, self.status.as_entire_binding()),
         ];
-        let lists = [(6, splats), (7, firsts), (8, listed), (9, status)];
-        let [a, b, c] = &self.scan;
         Ok(Groups {
             photons: splatting.count,
-            split: bind(&self.split, &[(6, screen), (7, splats), (8, status)])?,
-            count: bind(&self.count, &lists)?,
-            scan: [
-                a.bind(context, &sums)?,
-                b.bind(context, &sums)?,
-                c.bind(context, &sums)?,
-            ],
-            list: bind(&self.list, &lists)?,
-            splat: bind(
-                &self.splat,
-                &[
-                    (6, splats),
-                    (7, firsts),
-                    (8, listed),
-                    (9, screen),
-                    (10, light),
-                ],
-            )?,
+            split: self.split.bind(context, &all)?,
+            added: match &self.adder {
+                Adder::Tiles(tiles) => tiles.bind(context, &all)?,
+                Adder::Quads(quads) => vec![quads.bind(context, &all)?],
+            },
         })
     }
 
@@ -263,66 +227,21 @@ impl Splats {
         maps: usize,
         mut timer: Option<&mut Timer>,
     ) {
-        let offset = Some(UniformArray::<Batch>::offset(batch as u32));
-        let told = |workgroups| [Dispatch { offset, workgroups }];
+        let offset = UniformArray::<Batch>::offset(batch as u32);
         for group in groups {
-            let slots = u64::from(group.photons) * maps as u64;
-            let blocks = grid(slots.div_ceil(BLOCK));
-            self.split.record(
-                encoder,
-                "split",
-                timer.as_deref_mut(),
-                &[&group.split],
-                &told(grid(slots.div_ceil(64))),
-            );
-            encoder.clear_buffer(&self.memory.firsts, 0, None);
-            self.count.record(
-                encoder,
-                "bins",
-                timer.as_deref_mut(),
-                &[&group.count],
-                &told(blocks),
-            );
-            let all = grid((self.memory.firsts.size() / 4).div_ceil(SUMMED));
-            for ((pass, bound), workgroups) in
-                self.scan.iter().zip(&group.scan).zip([all, [1; 3], all])
-            {
-                let dispatch = [Dispatch {
-                    offset: None,
-                    workgroups,
-                }];
-                pass.record(encoder, "bins", timer.as_deref_mut(), &[bound], &dispatch);
+            let slots = group.photons * maps as u32;
+            let dispatch = Dispatch {
+                offset: Some(offset),
+                workgroups: grid(u64::from(slots.div_ceil(64))),
+            };
+            let bound = [&group.split];
+            self.split
+                .record(encoder, "split", timer.as_deref_mut(), &bound, &[dispatch]);
+            let timer = timer.as_deref_mut();
+            match &self.adder {
+                Adder::Tiles(tiles) => tiles.record(encoder, &group.added, slots, offset, timer),
+                Adder::Quads(quads) => quads.record(encoder, &group.added, slots, offset, timer),
             }
-            self.list.record(
-                encoder,
-                "bins",
-                timer.as_deref_mut(),
-                &[&group.list],
-                &told(blocks),
-            );
-            let [columns, rows] = self.size.map(|side| side.div_ceil(TILE));
-            self.splat.record(
-                encoder,
-                "splat",
-                timer.as_deref_mut(),
-                &[&group.splat],
-                &told([columns, rows, 1]),
-            );
         }
-    }
-}
-
-impl Memory {
-    fn new(context: &Context, slots: u64, bins: u64, capacity: u64) -> Result<Self> {
-        let blocks = slots.div_ceil(BLOCK);
-        let firsts = bins * blocks + 1;
-        Ok(Self {
-            splats: context.storage("splats", SPLAT * slots)?,
-            firsts: context.storage("the first splats of bins", 4 * firsts)?,
-            totals: context.storage("sums of blocks", 4 * firsts.div_ceil(SUMMED))?,
-            listed: context.storage("splats of bins", 4 * capacity)?,
-            blocks: blocks as u32,
-            capacity: capacity.min(u64::from(u32::MAX)) as u32,
-        })
     }
 }
