@@ -195,22 +195,9 @@ impl Occlusion {
         params.check()?;
         let directions = Directions::new(params.maps.maps);
         let turned = |frame| directions.turned(params.seed, frame).vectors().to_vec();
-        let resolution = params.maps.resolution;
-        let kept = if params.d_max.is_finite() {
-            Kept::Layers(method)
-        } else {
-            Kept::Extents
-        };
-        let builder = match kept {
-            Kept::Layers(method) => Builder::near(context, gpu_scene, method, resolution)?,
-            Kept::Extents => Builder::new(context, gpu_scene, kept, resolution)?,
-        };
+        let (builder, look_up) = maps_of(context, gpu_scene, params, method)?;
         let filler = Filler::new(context)?;
         let count = u64::from(size[0]) * u64::from(size[1]);
-        let look_up = linker()
-            .feature("extents", kept == Kept::Extents)
-            .feature("lists", kept == Kept::Layers(BuildMethod::LinkedLists))
-            .link("ldm_ambient::look_up")?;
         let resolve = linker().link("ldm_ambient::resolve")?;
         Ok(Self {
             params: *params,
@@ -218,7 +205,7 @@ impl Occlusion {
             directions: (0..params.frames).flat_map(turned).collect(),
             triangles: Triangles::new(context, scene, gpu_scene, selection, &filler)?,
             builder,
-            look_up: look_up.compute_pass(context, "look_up", &[], &[0])?,
+            look_up,
             resolve: resolve.compute_pass(context, "resolve", &[], &[])?,
             sums: context.storage("sums of points", SUMS * count)?,
             status: context.storage("status", 8)?,
@@ -378,18 +365,20 @@ impl Occlusion {
     }
 
     /// Whether there was room for all layers of what was submitted since the last [`begin`](Self::begin). Where there was
-    /// not, there will be, and the picture is to be recorded again.
+    /// not, there will be, and the picture is to be recorded again. Lists that grew too long become sums
+    /// ([`BuildMethod::LinkedLists`]).
     ///
     /// # Errors
     /// [`Error::Scene`](crate::Error::Scene) when the device fails, or binds no buffers that are large enough.
-    pub fn has_room(&mut self, context: &Context) -> Result<bool> {
+    pub fn has_room(&mut self, context: &Context, gpu_scene: &GpuScene) -> Result<bool> {
         let status: Vec<u32> = context.read("status", &self.status, 2)?;
-        if status[1] != 0 {
-            return Err(broken(
-                "a pixel has more layers than lists are walked along",
-            ));
+        let lost = status[1] != 0;
+        if lost {
+            let method = BuildMethod::Linearised;
+            let of_sums = maps_of(context, gpu_scene, &self.params, method)?;
+            (self.builder, self.look_up) = of_sums;
         }
-        Ok(!self.builder.make_room(context, status[0])?)
+        Ok(!self.builder.make_room(context, status[0])? && !lost)
     }
 
     /// Finds the occlusion of what a camera sees, at several places of each pixel, which share the maps; reads it back, and
@@ -443,7 +432,7 @@ impl Occlusion {
                     (added.and_then(|()| finish(context, encoder)), rays)
                 })?;
                 progress.advance(done, self.directions.len() as u64);
-                if !self.has_room(context)? {
+                if !self.has_room(context, world.gpu_scene)? {
                     passes.clear();
                     break;
                 }
@@ -457,6 +446,27 @@ impl Occlusion {
             return Ok((targets.read(context)?, passes));
         }
     }
+}
+
+/// What builds the maps that points ask, and what asks them.
+fn maps_of(
+    context: &Context,
+    gpu_scene: &GpuScene,
+    params: &OcclusionParams,
+    method: BuildMethod,
+) -> Result<(Builder, ComputePass)> {
+    let resolution = params.maps.resolution;
+    let is_bounded = params.d_max.is_finite();
+    let builder = match is_bounded {
+        true => Builder::near(context, gpu_scene, method, resolution)?,
+        false => Builder::new(context, gpu_scene, Kept::Extents, resolution)?,
+    };
+    let look_up = linker()
+        .feature("extents", !is_bounded)
+        .feature("lists", is_bounded && method == BuildMethod::LinkedLists)
+        .link("ldm_ambient::look_up")?;
+    let look_up = look_up.compute_pass(context, "look_up", &[], &[0])?;
+    Ok((builder, look_up))
 }
 
 /// The views along directions around boxes, which are relative to an origin, no larger than the device can draw.

@@ -114,7 +114,7 @@ impl Ground {
             }
             occlusion.resolve(context, &mut encoder, &targets).unwrap();
             context.submit("occlusion", encoder).unwrap();
-            if occlusion.has_room(context).unwrap() {
+            if occlusion.has_room(context, &self.gpu_scene).unwrap() {
                 return targets.read(context).unwrap();
             }
         }
@@ -272,6 +272,41 @@ fn cameras_and_gbuffers_see_the_same() {
     // At edges a rasteriser may see another surface.
     check("G-buffer", &rastered, &traced, 0.06);
     check("CPU", &traced, &ground.on_cpu(&params, 1), 0.1);
+}
+
+/// Where pixels have more layers than lists are walked along, sums take over, and the picture is the same.
+#[test]
+fn lists_that_are_too_long_become_sums() {
+    let Some(context) = Context::for_tests() else {
+        return;
+    };
+    let mut scene = builtin::build("builtin:cornell").unwrap();
+    let block = scene.instances[2].clone();
+    // In no order, so that lists are walked along whatever their direction.
+    scene.instances.extend((1..2000).map(|number| {
+        let mut block = block.clone();
+        block.transform.translation += 5e-5 * (number * 797 % 2000) as f32;
+        block
+    }));
+    let ground = Ground::new(&context, scene);
+    let params = OcclusionParams {
+        maps: MapParams {
+            maps: 4,
+            resolution: 8,
+            ..MapParams::default()
+        },
+        ..params(0.5)
+    };
+    let [lists, sums] = [BuildMethod::LinkedLists, BuildMethod::Linearised]
+        .map(|method| ground.occlusion(&params, method));
+    // Lists take other memory than sums.
+    assert_ne!(lists.bytes(), sums.bytes());
+    let [found, expected] = [lists, sums].map(|mut occlusion| {
+        let skies = ground.on_gpu(&mut occlusion, 1);
+        (skies, occlusion.bytes())
+    });
+    assert_eq!(found.1, expected.1, "they are not sums");
+    assert!(found.0 == expected.0, "the pictures are not the same");
 }
 
 /// What moves is drawn where it is, and more layers than there is room for find room.

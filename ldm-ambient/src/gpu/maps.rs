@@ -27,17 +27,17 @@ use crate::{Result, cpu::view::View};
 /// How all layers of a pixel are found on a GPU: the same layers in the same order.
 ///
 /// Lists are drawn once and sums twice, but lists are slower to walk along. On a software adapter with two threads (llvmpipe,
-/// `benches/gpu.rs`, 200² pixels a map), a map takes with lists and with sums: in `builtin:office` with a `d_max` of 1.5 m 36 and
-/// 39 ms for 800² points, of which asking are 20 and 13 ms, and 26 and 36 ms for 160 × 120 points; in Sponza (66,000 triangles) with
-/// 12 m 57 and 74 ms for 800² points; in `builtin:cornell` with 0.3 m 7.1 and 8.8 ms for 400² points, of which asking are 5.3 and
-/// 4.0 ms. So lists are faster there, up to some 0.3 to 4 million points by the number of triangles. Sums are the default all the
-/// same: no invocation waits for what another one writes, which a device need not let happen.
+/// `benches/gpu.rs`), a map of 200² pixels takes with lists and with sums: 22 and 28 ms in `builtin:office` with a `d_max` of 1.5 m
+/// for 400 × 300 points, of which asking are 4.7 and 2.5 ms; 25 and 47 ms in Sponza (66,000 triangles) with 12 m for 200 × 150
+/// points; 49 and 92 ms in a hairball (245,000 triangles) with 1 m for 100² points, and 5 and 8 ms there with maps of 50². Only with
+/// millions of points, or with few triangles, are sums faster.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum BuildMethod {
-    /// The paper's: linked lists that are sorted while they are built.
+    /// The paper's: linked lists that are sorted while they are built. Where a pixel has more layers than lists are walked along,
+    /// a thousand, all are [linearised](Self::Linearised) from then on.
+    #[default]
     LinkedLists,
     /// Counted, summed up, written and sorted.
-    #[default]
     Linearised,
 }
 

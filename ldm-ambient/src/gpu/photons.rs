@@ -168,7 +168,7 @@ impl Photons {
         let answers = exact.answers();
         answers.require(Answers::Surface, "ldm", "the tracer of photons")?;
         let filler = Filler::new(context)?;
-        let kept = Kept::Layers(BuildMethod::Linearised);
+        let kept = Kept::Layers(BuildMethod::default());
         let traced = |name, entry_point| -> Result<ComputePass> {
             let shader = linker()
                 .scene(gpu_scene)
@@ -414,18 +414,23 @@ impl Photons {
     }
 
     /// Whether there was room for all layers and splats of what was submitted since the last [`splat`](Self::splat). Where
-    /// there was not, there will be, and the picture is to be recorded again.
+    /// there was not, there will be, and the picture is to be recorded again. Lists that grew too long become sums
+    /// ([`BuildMethod::LinkedLists`]).
     ///
     /// # Errors
     /// [`Error::Scene`] when the device fails, or binds no buffers that are large enough.
-    pub fn has_room(&mut self, context: &Context) -> Result<bool> {
-        let [layers, broken_lists, entries] = self.splats.status(context)?;
-        if broken_lists != 0 {
-            return Err(broken("a pixel has more layers than there are"));
+    pub fn has_room(&mut self, context: &Context, gpu_scene: &GpuScene) -> Result<bool> {
+        let [layers, lost, entries] = self.splats.status(context)?;
+        let lost = lost != 0;
+        if lost {
+            let method = BuildMethod::Linearised;
+            let resolution = self.params.maps.resolution;
+            self.builder = Builder::new(context, gpu_scene, Kept::Layers(method), resolution)?;
+            self.splats.ask(context, method)?;
         }
         let layers = self.builder.make_room(context, layers)?;
         let entries = self.splats.make_room(context, entries)?;
-        Ok(!layers && !entries)
+        Ok(!(lost || layers || entries))
     }
 
     /// Lights what a camera sees, reads it back, and tells what it took. Submits in pieces that no driver's watchdog minds.
@@ -483,7 +488,7 @@ impl Photons {
                 passes.extend(timer.read(context)?.iter().filter_map(stage));
                 progress.advance(batch as u64 + 1, self.batches() as u64);
             }
-            if self.has_room(context)? {
+            if self.has_room(context, world.gpu_scene)? {
                 break;
             }
             passes.truncate(before);

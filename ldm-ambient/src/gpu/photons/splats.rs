@@ -15,7 +15,7 @@ use self::{
     quads::Quads,
     tiles::{Lists, Tiles},
 };
-use super::super::{grid, linker, maps::Batch};
+use super::super::{BuildMethod, grid, linker, maps::Batch};
 use crate::{PhotonParams, Result};
 
 /// Photons that are split together.
@@ -97,11 +97,10 @@ impl Splats {
         size: [u32; 2],
         maps: usize,
     ) -> Result<Self> {
-        let split = linker().link("ldm_ambient::photons::split")?;
         Ok(Self {
             size,
             maps,
-            split: split.compute_pass(context, "split", &[], &[0])?,
+            split: split(context, BuildMethod::default())?,
             adder: match method {
                 SplatMethod::Tiled => Adder::Tiles(Box::new(Tiles::new(context, size)?)),
                 SplatMethod::Quads => Adder::Quads(Quads::new(context, size)?),
@@ -110,6 +109,12 @@ impl Splats {
             photons: 0,
             splats: context.storage("splats", SPLAT)?,
         })
+    }
+
+    /// Asks maps that are built in another way from now on.
+    pub(super) fn ask(&mut self, context: &Context, method: BuildMethod) -> Result<()> {
+        self.split = split(context, method)?;
+        Ok(())
     }
 
     /// The light that is added up, W/m²: a buffer, or a texture where they are quads.
@@ -244,4 +249,12 @@ impl Splats {
             }
         }
     }
+}
+
+/// What makes splats of maps.
+fn split(context: &Context, method: BuildMethod) -> Result<ComputePass> {
+    let shader = linker()
+        .feature("lists", method == BuildMethod::LinkedLists)
+        .link("ldm_ambient::photons::split")?;
+    Ok(shader.compute_pass(context, "split", &[], &[0])?)
 }
