@@ -10,6 +10,7 @@ use serde_json::Value;
 use super::{
     lab::{Lab, Scene},
     page::{Part, Section},
+    plot::{Curve, Plot},
     report::{Measure, Report},
 };
 
@@ -149,8 +150,30 @@ fn resolutions(lab: &Lab) -> Result<(Section, Value)> {
     ];
     let of_floats = [("RMS against 32 bits", "ao_rms_of_floats", 1.0)];
     let columns: [&[Column]; 4] = [&SETTING, &costs, &ERRORS, &of_floats];
+    let plots = [("seconds to build", "/build_seconds"), ("bytes", "/bytes")];
+    let plots = plots.map(|(x, key)| {
+        let curve = |count: &u32| {
+            let mut own = lines.clone();
+            own.retain(|line| line["positions"] == *count && is_of_grid(line));
+            own.sort_by_key(|line| line["resolution"].as_u64());
+            Curve::of(format!("{count} positions"), &own, [key, "/ao_rms"])
+        };
+        let title = "RMS of ao, grey levels";
+        let curves = positions.iter().map(curve).collect::<Result<_>>()?;
+        Plot { title, x, curves }.svg().map(Part::Plot)
+    });
     let title = "Fig. 5, 6, 7: resolutions, mappings, storage, look-up";
-    Ok(section("resolutions", title, text, lines, &columns))
+    let (mut section, numbers) = section("resolutions", title, text, lines, &columns);
+    for plot in plots {
+        section.parts.push(plot?);
+    }
+    Ok((section, numbers))
+}
+
+/// Whether a setting differs from others in positions and directions alone.
+fn is_of_grid(line: &Value) -> bool {
+    let setting = [&line["directions"], &line["storage"], &line["look_up"]];
+    setting == ["concentric", "byte", "nearest"]
 }
 
 fn objects(lab: &Lab) -> Result<(Section, Value)> {
@@ -211,13 +234,22 @@ fn growth(lab: &Lab) -> Result<(Section, Value)> {
         ("exact", "exact_mrays", 1.0),
         ("×", "times", 1.0),
     ]];
-    Ok(section(
-        "growth",
-        "Cost against triangles",
-        text,
-        lines,
-        &columns,
-    ))
+    let curves = [
+        ("field", "/mrays"),
+        ("exact tracer", "/exact_mrays"),
+        ("seconds to build the field", "/build_seconds"),
+    ];
+    let curves = curves.map(|(name, key)| Curve::of(name, &lines, ["/triangles", key]));
+    let plot = Plot {
+        title: "million rays/s, and seconds to build",
+        x: "triangles",
+        curves: curves.into_iter().collect::<Result<_>>()?,
+    };
+    let plot = Part::Plot(plot.svg()?);
+    let title = "Cost against triangles";
+    let (mut section, numbers) = section("growth", title, text, lines, &columns);
+    section.parts.push(plot);
+    Ok((section, numbers))
 }
 
 /// The flags that name scenes beside the first one.

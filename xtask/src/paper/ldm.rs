@@ -3,6 +3,7 @@
 //! One file per section. Its numbers stand in the page beside the paper's, and in `ldm.json`.
 
 mod ao;
+mod error;
 mod indirect;
 mod seen;
 mod speed;
@@ -27,8 +28,9 @@ pub(super) const REPORT: Report = Report {
     sections: &SECTIONS,
 };
 
-const SECTIONS: [(&str, Measure); 7] = [
+const SECTIONS: [(&str, Measure); 8] = [
     ("ao", ao::measure),
+    ("error", error::measure),
     ("speed", speed::measure),
     ("memory", speed::measure_memory),
     ("indirect", indirect::measure),

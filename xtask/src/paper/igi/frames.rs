@@ -7,6 +7,7 @@ use super::{Measured, conference, office};
 use crate::paper::{
     lab::{Lab, Scene, number},
     page::{Part, Picture, Section},
+    plot::{Curve, Plot},
     report::{cells, percent, signed},
 };
 
@@ -125,8 +126,10 @@ pub(super) fn measure(lab: &Lab) -> Measured {
         for paths in [30, 90, 180] {
             table.add(paths, &PAPER)?;
         }
+        let plot = table.plot(&PAPER)?;
         parts.push(Part::Text(format!("Fig. 4 and 5, {}", scene.title)));
         table.finish(&mut parts, &mut numbers);
+        parts.push(plot);
         let mut table = Table::new(lab, &scene, &[]);
         table.add(180, &OTHERS)?;
         parts.push(Part::Text(format!(
@@ -248,11 +251,26 @@ impl<'a> Table<'a> {
             }
             self.rows.push(row);
             self.numbers.push(json!({
-                "title": self.scene.title, "variant": variant.name, "speed_up_then": variant.then,
+                "title": self.scene.title, "variant": variant.name, "paths": paths, "speed_up_then": variant.then,
                 "measured": line,
             }));
         }
         Ok(())
+    }
+
+    /// The time of a frame against the number of light paths.
+    fn plot(&self, variants: &[Variant]) -> Result<Part> {
+        let curve = |variant: &Variant| {
+            let own = self.numbers.iter();
+            let own = own.filter(|one| one["variant"] == variant.name);
+            Curve::of(variant.name, own, ["/paths", "/measured/frame_seconds"])
+        };
+        let plot = Plot {
+            title: &format!("seconds a frame: {}", self.scene.title),
+            x: "light paths",
+            curves: variants.iter().map(curve).collect::<Result<_>>()?,
+        };
+        plot.svg().map(Part::Plot)
     }
 
     fn finish(self, parts: &mut Vec<Part>, numbers: &mut Vec<Value>) {

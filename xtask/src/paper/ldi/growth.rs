@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::sponza;
 use crate::paper::{
-    lab::{Lab, Scene, number},
+    lab::{Lab, Scene},
     page::{Part, Section},
     plot::{Curve, Plot},
 };
@@ -89,15 +89,7 @@ fn lines(lab: &Lab, scene: &Scene, cases: &[&str]) -> Result<Vec<Value>> {
 }
 
 fn plot(title: &str, x: &str, key: &str, lines: &[Value]) -> Result<String> {
-    let curve = |(name, value): (&str, &str)| {
-        let points = lines
-            .iter()
-            .map(|line| Ok((number(line, key)?, number(line, value)?)));
-        Ok(Curve {
-            name: name.to_owned(),
-            points: points.collect::<Result<_>>()?,
-        })
-    };
+    let curve = |(name, value): (&str, &str)| Curve::of(name, lines, [key, value]);
     Plot {
         title,
         x,

@@ -1,5 +1,6 @@
 //! Fig. 10: one bounce of light by photons, gathered and splatted, against the number of photons and the size of splats.
 
+use anyhow::Result;
 use serde_json::{Value, json};
 
 use super::{Measured, cornell, sibenik, sponza};
@@ -41,6 +42,7 @@ pub(super) fn measure(lab: &Lab) -> Measured {
     let common = [size, "--quantity=indirect", "--materials=lambert"];
     let (mut rows, mut numbers) = (Vec::new(), Vec::new());
     let (mut pictures, mut of_photons, mut of_sizes) = (Vec::new(), Vec::new(), Vec::new());
+    let mut of_time = Vec::new();
     for scene in [sponza(lab), cornell(lab), sibenik(lab)] {
         let title = scene.title.split(' ').next().unwrap_or_default().to_owned();
         let reference = ["--technique=reference", "--tracer=bvh", samples];
@@ -107,6 +109,7 @@ pub(super) fn measure(lab: &Lab) -> Measured {
                 });
             }
         }
+        of_time.push(over_time(&scene.title, &numbers)?);
         let uncut = format!("{}, uncut", scene.title);
         by_sizes.sort_by(|a: &(f64, f64), b| a.0.total_cmp(&b.0));
         for (curves, points) in [(&mut of_photons, by_photons), (&mut of_sizes, by_sizes)] {
@@ -137,19 +140,44 @@ pub(super) fn measure(lab: &Lab) -> Measured {
         "time",
         "stages",
     ]);
+    let mut parts = vec![
+        Part::Text(TEXT.to_owned()),
+        Part::Table { head, rows },
+        of_photons?,
+        of_sizes?,
+    ];
+    parts.append(&mut of_time);
+    parts.push(Part::Pictures {
+        title: "Pictures".to_owned(),
+        pictures,
+    });
     let section = Section {
         id: "indirect",
         title: "Fig. 10: indirect light",
-        parts: vec![
-            Part::Text(TEXT.to_owned()),
-            Part::Table { head, rows },
-            of_photons?,
-            of_sizes?,
-            Part::Pictures {
-                title: "Pictures".to_owned(),
-                pictures,
-            },
-        ],
+        parts,
     };
     Ok((section, Value::Array(numbers)))
+}
+
+/// Error against time of a scene's pictures by more and more photons, splatted ones in smaller splats.
+fn over_time(title: &str, numbers: &[Value]) -> Result<Part> {
+    let curve = |deposit: &&str| {
+        let of_deposit = |one: &&Value| one["scene"] == title && one["deposit"] == *deposit;
+        let splats = match *deposit {
+            "splatted" => "1",
+            _ => "2",
+        };
+        let is_shown = |one: &&Value| one["splat_size"] == splats;
+        let own = numbers.iter().filter(of_deposit).filter(is_shown);
+        Curve::of(*deposit, own, ["/seconds", "/rel_rmse"])
+    };
+    let plot = Plot {
+        title: &format!("relRMSE: {title}"),
+        x: "seconds",
+        curves: ["gathered", "uncut", "splatted"]
+            .iter()
+            .map(curve)
+            .collect::<Result<_>>()?,
+    };
+    plot.svg().map(Part::Plot)
 }
