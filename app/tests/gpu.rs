@@ -304,7 +304,6 @@ fn the_technique_ldm_renders_the_same_picture() {
     let quantities = "direct,path,irradiance.direct,irradiance.path";
     let render = [
         "render",
-        "builtin:cornell",
         "--technique=ldm",
         "--environment=0.4,0.5,0.7",
         "--quantity",
@@ -314,16 +313,23 @@ fn the_technique_ldm_renders_the_same_picture() {
         "--ldm-resolution=100",
         "--ldm-samples=4",
         "--ldm-photons=16",
-        "--ldm-glossy=none",
         "--json",
     ];
+    let splatted = [
+        "builtin:cornell",
+        "--ldm-deposit=splatted",
+        "--ldm-glossy=none",
+    ];
     let gathered = [
+        "builtin:office",
+        "--ldm-glossy=nearest",
         "--ldm-deposit=gathered",
         "--ldm-bounces=2",
         "--ldm-branches=2",
         "--ldm-direct=photons",
     ];
-    for more in [&["--ldm-deposit=splatted"][..], &gathered] {
+    // Of what metals show every edge is where a map has it.
+    for (more, most) in [(&splatted[..], 1e-3), (&gathered, 5e-3)] {
         let chosen = ["--device=cpu", "-o", "cpu.exr"];
         json(at, &[&render[..], more, &chosen].concat());
         let chosen = ["--device=gpu", "--adapter", name, "-o", "gpu.exr"];
@@ -338,7 +344,7 @@ fn the_technique_ldm_renders_the_same_picture() {
             let compared = json(at, &compare);
             let error = compared["rel_rmse"].as_f64().unwrap();
             println!("{more:?} {layer}: {error}");
-            assert!(error < 1e-3, "{more:?} {layer:?}: {compared}");
+            assert!(error < most, "{more:?} {layer:?}: {compared}");
         }
     }
 }

@@ -25,7 +25,7 @@
 //! | §4.2, photons leave the light's view; splitting | `cpu/photons/{views,emission}.rs`, [`cpu::photons::light`] |
 //! | Eq. (4) to (7), footprints and splatting | `cpu/photons/footprint.rs`, `cpu/photons/splat.rs`; as quads that blending adds, `gpu/photons/splats/quads.rs` |
 //! | Fig. 11, environment light through the maps | `cpu/environment.rs`, [`cpu::photons::Gathered::sky`], `gpu/gather/looks.rs` |
-//! | §6, glossy by the nearest direction | `cpu/photons/glossy.rs`, [`Photons::mirrored`] |
+//! | §6, glossy by the nearest direction | `cpu/photons/glossy.rs`, [`Photons::mirrored`], `gpu/gather/mirror.rs` |
 //! | §6, direct light from photons | [`PhotonParams::direct`], [`Photons::direct`] |
 //! | §6, multiple bounces over subsets of the directions | [`PhotonParams::bounces`], [`Directions::subset`] |
 //! | §6, arbitrary light sources | `cpu/photons/emission.rs` |

@@ -10,7 +10,7 @@ use std::{f32::consts::PI, sync::Arc};
 use glam::Vec3;
 use isophote_ldm_ambient::{
     MapParams, OcclusionParams, PhotonParams, Photons,
-    cpu::{self, Triangles},
+    cpu::{self, Triangles, photons::Mirrored},
     gpu::{
         BuildMethod, Occlusion, Points,
         gather::{Gather, Lit, LitTargets, Picture},
@@ -19,7 +19,7 @@ use isophote_ldm_ambient::{
 };
 use isophote_scene::{
     Bsdf, BuildTracer, BvhOptions, BvhTracer, DirectLight, Environment, EnvironmentMap, Scene,
-    Seen, Selection, builtin,
+    Seen, Selection, SurfaceMaterial, builtin,
     gpu::{BuildGpuTracer, ComputeBvhTracer, Context, GpuScene, reference::World},
     reference::{Materials, Normals},
     sample::Sampler,
@@ -31,8 +31,9 @@ const COUNT: usize = (SIZE[0] * SIZE[1]) as usize;
 const SAMPLES: u32 = 3;
 /// How far two pictures may be apart, as relRMSE, from the same points.
 const MOST: f32 = 5e-4;
-/// The same where maps are fitted around what the camera may see instead of what it sees.
-const MOST_OF_OTHER_MAPS: f32 = 0.05;
+/// The same of what metals show, whose every edge is where a map has it: in maps that are fitted around their rays, and in those that
+/// are fitted around all points.
+const MOST_OF_METALS: [f32; 2] = [0.04, 0.1];
 
 fn params() -> PhotonParams {
     PhotonParams {
@@ -84,13 +85,26 @@ fn cases() -> Vec<(&'static str, Scene, PhotonParams)> {
         materials: Materials::Lambert,
         ..params()
     };
+    let mirrored = PhotonParams {
+        bounces: 1,
+        ..params()
+    };
     vec![
         ("in the dark", build("office", dark.clone()), params()),
+        ("on metal", build("office", panorama()), mirrored),
         ("below a sky", build("cornell", panorama()), params()),
         ("all white", build("office", white.clone()), flat),
         ("bounced", build("cornell", white), bounced),
         ("by photons", build("cornell", dark), landed),
     ]
+}
+
+/// A ray that a metal reflects.
+struct Ray {
+    pixel: u32,
+    seen: Seen,
+    towards: Vec3,
+    weight: Vec3,
 }
 
 struct Ground {
@@ -122,6 +136,7 @@ impl Ground {
             size: SIZE,
             lights: true,
             irradiance: true,
+            mirrored: true,
         };
         let all = Selection::default();
         let triangles = Triangles::new(&self.scene, &self.scene.transforms(), &all).unwrap();
@@ -144,10 +159,12 @@ impl Ground {
         let mut weights = vec![missing * SAMPLES as f32; COUNT];
         // Of lights, of the sky, of surfaces: radiance and irradiance.
         let mut sums = vec![[[Vec3::ZERO; 2]; 3]; COUNT];
+        let mut rays = Vec::new();
         for sample in 0..SAMPLES {
             let (points, seen) = self.seen(sample);
             let (light, _) = photons.light(&points, [sample, SAMPLES], &|_, _| {});
             let landed = photons.direct(&points);
+            self.reflect(&points, &seen, sample, &mut rays);
             let all = points.indices().iter().zip(light).zip(landed).zip(&seen);
             for (((&pixel, light), landed), seen) in all {
                 let sums = &mut sums[pixel as usize];
@@ -168,6 +185,12 @@ impl Ground {
                 }
             }
         }
+        // Of surfaces that metals show.
+        let mut shown = vec![Vec3::ZERO; COUNT];
+        for (pixel, [light, sky]) in self.mirrored(&photons, &rays) {
+            sums[pixel as usize][0][0] += sky;
+            shown[pixel as usize] += light;
+        }
         let of = |kind: usize| {
             let pairs = sums.iter().zip(&weights);
             let mean = |([direct, sky, light], weight): (&[[Vec3; 2]; 3], &f32)| {
@@ -176,7 +199,10 @@ impl Ground {
             };
             pairs.map(mean).unzip::<_, _, Vec<_>, Vec<_>>()
         };
-        let ((direct, indirect), (direct_irradiance, irradiance)) = (of(0), of(1));
+        let ((direct, mut indirect), (direct_irradiance, irradiance)) = (of(0), of(1));
+        for (light, shown) in indirect.iter_mut().zip(shown) {
+            *light += shown / SAMPLES as f32;
+        }
         Lit {
             direct: Light {
                 radiance: direct,
@@ -187,6 +213,47 @@ impl Ground {
                 irradiance,
             },
         }
+    }
+
+    /// The rays that metals reflect.
+    fn reflect(&self, points: &cpu::Points, seen: &[Seen], sample: u32, rays: &mut Vec<Ray>) {
+        for (&pixel, seen) in points.indices().iter().zip(seen) {
+            let share = seen.material.metallic;
+            if share <= 0.0 {
+                continue;
+            }
+            let metal = SurfaceMaterial {
+                base_color: share * seen.material.base_color,
+                metallic: 1.0,
+                transmission: 0.0,
+                ..seen.material
+            };
+            let bsdf = Bsdf::new(seen.normal(), &metal, seen.is_outside());
+            let sampler = Sampler::new(self.params.seed ^ 0x6c64_6d67, pixel, sample);
+            if let Some(chosen) = bsdf.sample(seen.view, 0.0, sampler.get_2d(0)) {
+                rays.push(Ray {
+                    pixel,
+                    seen: *seen,
+                    towards: chosen.light,
+                    weight: chosen.weight,
+                });
+            }
+        }
+    }
+
+    /// What metals show of surfaces and of the sky, and in which pixels.
+    fn mirrored(&self, photons: &Photons<'_>, rays: &[Ray]) -> Vec<(u32, [Vec3; 2])> {
+        let seen: Vec<Seen> = rays.iter().map(|ray| ray.seen).collect();
+        let towards: Vec<Vec3> = rays.iter().map(|ray| ray.towards).collect();
+        let points = cpu::Points::of_seen(&seen, self.params.normals);
+        let (found, _) = photons.mirrored(&points, &towards, &|_, _| {});
+        let shown = |(ray, found): (&Ray, Mirrored)| {
+            (
+                ray.pixel,
+                [ray.weight * found.light, ray.weight * found.sky],
+            )
+        };
+        rays.iter().zip(found).map(shown).collect()
     }
 
     /// Radiance and irradiance straight from the lights.
@@ -294,11 +361,15 @@ fn gathered_light_is_that_of_the_cpu() {
         let ground = Ground::new(&context, scene, params);
         let expected = ground.on_cpu();
         let error = off(&ground.on_gpu(), &expected);
-        assert!(error < MOST, "{name}: {error}");
+        let most = match name {
+            "on metal" => MOST_OF_METALS,
+            _ => [MOST; 2],
+        };
+        assert!(error < most[1], "{name}: {error}");
         let mut gather = ground.gather();
         let found = ground.rendered(&mut gather);
         let error = off(&found, &expected);
-        assert!(error < MOST_OF_OTHER_MAPS, "{name}: {error}");
+        assert!(error < most[0], "{name}: {error}");
         let is_bounced = found
             .indirect
             .radiance

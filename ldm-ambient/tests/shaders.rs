@@ -180,6 +180,7 @@ fn light_that_is_gathered_builds() {
         size: SIZE,
         lights: true,
         irradiance: true,
+        mirrored: true,
     };
     for (tracer, sent) in tracers.iter().zip([None, Some(&sent)]) {
         let world = World {

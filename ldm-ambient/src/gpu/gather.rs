@@ -7,6 +7,7 @@
 //! | lights, by rays | [`DirectLight::without_environment`](isophote_scene::DirectLight::without_environment) | the same |
 //! | lights, by photons | [`photons::Photons::direct`] | `shaders/gather/landed.wesl` |
 //! | along the maps | [`photons::Photons::light`] | `gather/looks.rs`, `shaders/gather/{look,shade}.wesl` |
+//! | metals | [`photons::Photons::mirrored`] | `gather/mirror.rs`, `shaders/gather/{reflect,mirror,reflected}.wesl` |
 //! | footprints in a grid | `cpu/photons/field.rs` | `gather/field.rs`, `shaders/gather/field.wesl` |
 //!
 //! Photons are sent on the CPU, which cuts them at edges and shadows: there are few, and they are the same in each frame. Nothing is
@@ -14,6 +15,7 @@
 
 mod field;
 mod looks;
+mod mirror;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec3, Vec4};
@@ -25,7 +27,10 @@ use isophote_scene::{
 };
 use wgpu::BufferUsages;
 
-use self::looks::Shining;
+use self::{
+    looks::{Looks, Shining},
+    mirror::Mirror,
+};
 use super::{
     Look, Points, broken, finish, grid, linker,
     photons::{Light, Targets},
@@ -38,6 +43,7 @@ const ALBEDO: u64 = 16;
 const LIT: u64 = 32;
 const ARRIVING: u64 = 32;
 const SUMS: u64 = 64;
+const SHOWN: u64 = 16;
 
 /// What is wanted of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,6 +54,8 @@ pub struct Picture {
     pub lights: bool,
     /// Whether irradiance by those is wanted beside radiance, for which as many shadow rays are traced again.
     pub irradiance: bool,
+    /// Whether metals show what the nearest direction of the maps meets; otherwise only the lights.
+    pub mirrored: bool,
 }
 
 /// The light of a picture.
@@ -88,6 +96,8 @@ pub struct Gather {
     lit: wgpu::Buffer,
     arriving: wgpu::Buffer,
     sums: wgpu::Buffer,
+    mirror: Option<Mirror>,
+    shown: wgpu::Buffer,
     /// That were seen so far.
     samples: u32,
     /// The sum of the mean cosines along the maps that they asked.
@@ -186,6 +196,13 @@ impl Gather {
             }
             false => None,
         };
+        let mirror = match shining.as_ref().filter(|_| picture.mirrored) {
+            Some(shining) => {
+                let on = (scene, gpu_scene);
+                Mirror::new(context, on, params, exact, shining, picture.size)?
+            }
+            None => None,
+        };
         let pixels = u64::from(picture.size[0]) * u64::from(picture.size[1]);
         Ok(Self {
             params: *params,
@@ -199,6 +216,8 @@ impl Gather {
             lit: context.storage("light of lights", LIT * pixels)?,
             arriving: context.storage("light along the maps", ARRIVING * pixels)?,
             sums: context.storage("light of pixels", SUMS * pixels)?,
+            mirror,
+            shown: context.storage("light that metals show", SHOWN * pixels)?,
             samples: 0,
             weight: 0.0,
         })
@@ -209,6 +228,10 @@ impl Gather {
         (self.samples, self.weight) = (0, 0.0);
         encoder.clear_buffer(&self.lit, 0, None);
         encoder.clear_buffer(&self.sums, 0, None);
+        encoder.clear_buffer(&self.shown, 0, None);
+        if let Some(mirror) = &mut self.mirror {
+            mirror.begin();
+        }
         if let Some(shining) = &self.shining {
             shining.begin(encoder, gpu_scene);
         }
@@ -252,6 +275,10 @@ impl Gather {
         self.lights
             .record(encoder, "direct", timer, &groups, &dispatch);
         self.samples += 1;
+        if let Some(mirror) = &mut self.mirror {
+            let (on, size) = ((gpu_scene, exact), self.picture.size);
+            mirror.reflect(context, encoder, on, (&asking, sample), size)?;
+        }
         self.add_landed(context, encoder, points)
     }
 
@@ -293,6 +320,8 @@ impl Gather {
     }
 
     /// Records that the points that were seen last get the light of one part of the maps of so many; of two, one is every other map.
+    /// With the last part, if not before, the rays that metals reflected look along all of them;
+    /// [`render`](Self::render) fits maps around these rays alone, which is sharper.
     ///
     /// # Errors
     /// As [`see`](Self::see).
@@ -311,12 +340,21 @@ impl Gather {
         };
         let ways = shining.ways(context, points, part);
         encoder.clear_buffer(&self.arriving, 0, None);
-        let looks = shining.looks(context, &ways, points, &self.arriving)?;
+        let looks = shining.gather(context, &ways, points, &self.arriving)?;
         for batch in 0..looks.len() {
             looks.record(encoder, batch, gpu_scene, timer.as_deref_mut());
         }
         self.shade(context, encoder)?;
         self.weight += ways.weight();
+        if let Some(mirror) = self.mirror.as_mut().filter(|one| one.is_due(part)) {
+            let ways = shining.ways(context, points, [0, 1]);
+            let looks = mirror.looks(context, shining, &ways)?;
+            for batch in 0..looks.len() {
+                looks.record(encoder, batch, gpu_scene, timer.as_deref_mut());
+            }
+            drop(looks);
+            mirror.add(context, encoder, [&self.lit, &self.shown])?;
+        }
         Ok(())
     }
 
@@ -388,6 +426,7 @@ impl Gather {
             (0, resolving.as_entire_binding()),
             (1, self.lit.as_entire_binding()),
             (2, self.sums.as_entire_binding()),
+            (7, self.shown.as_entire_binding()),
         ];
         let views = views.iter().map(wgpu::BindingResource::TextureView);
         resources.extend((3..).zip(views));
@@ -475,23 +514,49 @@ impl Gather {
         let Some(shining) = self.shining.as_ref().filter(|one| !one.is_dark()) else {
             return Ok(());
         };
+        points.tighten(context)?;
         let ways = shining.ways(context, points, [sample, samples]);
-        let looks = shining.looks(context, &ways, points, &self.arriving)?;
-        for batch in 0..looks.len() {
-            Pass::timed(passes, "gather", || {
-                let mut encoder = encoder();
-                if batch == 0 {
-                    encoder.clear_buffer(&self.arriving, 0, None);
-                }
-                looks.record(&mut encoder, batch, world.gpu_scene, None);
-                let rays = looks.maps(batch) as u64 * pixels;
-                (finish(context, encoder), [rays, 0])
-            })?;
-        }
+        let mut clear = encoder();
+        clear.clear_buffer(&self.arriving, 0, None);
+        context.submit("light", clear)?;
+        let looks = shining.gather(context, &ways, points, &self.arriving)?;
+        let rays = |maps: usize| maps as u64 * pixels;
+        look(context, world.gpu_scene, &looks, rays, ("gather", passes))?;
         let mut last = encoder();
         self.shade(context, &mut last)?;
         context.submit("light", last)?;
         self.weight += ways.weight();
-        Ok(())
+        let Some(mirror) = self
+            .mirror
+            .as_mut()
+            .filter(|one| one.is_due([sample, samples]))
+        else {
+            return Ok(());
+        };
+        if let Some(ways) = mirror.ways(context, shining)? {
+            let looks = mirror.looks(context, shining, &ways)?;
+            look(context, world.gpu_scene, &looks, |_| 0, ("mirror", passes))?;
+        }
+        let mut last = encoder();
+        mirror.add(context, &mut last, [&self.lit, &self.shown])?;
+        Ok(context.submit("light", last)?)
     }
+}
+
+/// Looks along the maps batch by batch, and waits for each, which takes so many look-ups for so many maps.
+fn look(
+    context: &Context,
+    gpu_scene: &GpuScene,
+    looks: &Looks<'_>,
+    rays: impl Fn(usize) -> u64,
+    (name, passes): (&'static str, &mut Vec<Pass>),
+) -> Result<()> {
+    for batch in 0..looks.len() {
+        Pass::timed(passes, name, || {
+            let mut encoder = context.device().create_command_encoder(&Default::default());
+            looks.record(&mut encoder, batch, gpu_scene, None);
+            (finish(context, encoder), [rays(looks.maps(batch)), 0])
+        })?;
+    }
+    Ok(())
 }

@@ -1,7 +1,7 @@
 //! The points that maps are asked for: what a camera sees by a tracer, what a G-buffer holds, or any points at all.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 use isophote_scene::{
     Aabb, Camera, Projection,
     gpu::{ComputePass, Context, Dispatch, GpuScene, GpuTracer, Rasters, View},
@@ -85,6 +85,22 @@ impl Points {
             Aabb::around(points.iter().map(|point| point.position - origin))
         };
         self.boxes = points.points.chunks(BOX).map(around).collect();
+    }
+
+    /// Fits what follows around the points that were found, once that was submitted, instead of around what a camera may see: maps
+    /// are finer then, and those of the CPU. Waits for the device.
+    ///
+    /// # Errors
+    /// [`Error::Scene`](crate::Error::Scene) when the device fails.
+    pub fn tighten(&mut self, context: &Context) -> Result<()> {
+        let [width, height] = self.size.map(|side| side as usize);
+        let points: Vec<[Vec4; 3]> = context.read("points", &self.buffer, width * height)?;
+        let found = points.iter().filter(|point| point[0].w != 0.0);
+        let found: Vec<Vec3> = found.map(|point| point[0].truncate()).collect();
+        let boxes = found.chunks(BOX);
+        let boxes = boxes.map(|some| Aabb::around(some.iter().copied()));
+        self.boxes = boxes.collect();
+        Ok(())
     }
 
     /// Boxes around what a camera may see, and what a shader is told that finds its points.

@@ -168,7 +168,7 @@ impl Lighting<'_, '_> {
         Pass::timed(&mut found.passes, "direct", || {
             let pairs = points.indices().par_iter().zip(seen);
             let (shares, rays): (Vec<Shares>, Vec<u64>) = pairs.map(lit).unzip();
-            (shares, [0, rays.iter().sum()])
+            (shares, [rays.iter().sum(), 0])
         })
     }
 

@@ -103,10 +103,6 @@ fn find_light(
     progress: &dyn Progress,
     found: &mut Found,
 ) -> Result<()> {
-    ensure!(
-        technique.ldm_glossy != Some(GlossyChoice::Nearest),
-        "--ldm-glossy nearest runs on the CPU: leave out --device gpu and --adapter, and choose a tracer there"
-    );
     let splatted =
         technique.ldm_deposit != Some(DepositChoice::Gathered) && order.wants(is_bounced);
     let mut lit = match splatted && !order.wants(is_direct) {
@@ -149,6 +145,7 @@ fn gather(
         size: order.size,
         lights: order.wants(is_direct),
         irradiance: order.wants(is_irradiance),
+        mirrored: technique.ldm_glossy == Some(GlossyChoice::Nearest),
     };
     let triangles;
     let sent = match params.bounces > 0 || params.direct {

@@ -2,7 +2,7 @@
 
 use glam::{Vec3, Vec4};
 use isophote_scene::{
-    Scene, Selection,
+    Aabb, Scene, Selection,
     gpu::{ComputePass, Context, Dispatch, GpuScene, Timer, UniformArray},
 };
 use wgpu::{BindGroup, Buffer, BufferUsages};
@@ -34,7 +34,7 @@ pub(super) struct Shining {
     triangles: Triangles,
     filler: Filler,
     builder: Builder,
-    look_up: ComputePass,
+    look: ComputePass,
     /// What surfaces send on.
     field: Option<Field>,
     /// What arrives at them straight from the lights.
@@ -52,6 +52,7 @@ pub(super) struct Ways {
 /// Points that look along the maps of a part, batch by batch.
 pub(super) struct Looks<'a> {
     shining: &'a Shining,
+    pass: (&'a str, &'a ComputePass),
     series: Series<'a>,
     group: BindGroup,
     points: u32,
@@ -85,10 +86,7 @@ impl Shining {
             Some(_) => Kept::Layers(BuildMethod::Linearised),
             None => Kept::Extents,
         };
-        let look_up = linker()
-            .feature("extents", kept == Kept::Extents)
-            .feature("field", field.is_some())
-            .link("ldm_ambient::gather::look")?;
+        let look = "ldm_ambient::gather::look";
         Ok(Self {
             params: *params,
             directions: params.directions(),
@@ -99,7 +97,7 @@ impl Shining {
             triangles,
             filler,
             builder: Builder::new(context, gpu_scene, kept, maps.resolution)?,
-            look_up: look_up.compute_pass(context, "look", &[], &[0])?,
+            look: pass(context, look, "look", (kept, field.is_some()))?,
             field,
             landed,
             status: context.storage("status", 8)?,
@@ -109,6 +107,17 @@ impl Shining {
     /// Whether nothing is seen through the maps.
     pub(super) fn is_dark(&self) -> bool {
         self.field.is_none() && self.radiances.is_empty()
+    }
+
+    /// A pass that looks along the maps, by its module and entry point.
+    pub(super) fn pass(
+        &self,
+        context: &Context,
+        module: &str,
+        entry_point: &'static str,
+    ) -> Result<ComputePass> {
+        let kinds = (self.builder.kept, self.field.is_some());
+        pass(context, module, entry_point, kinds)
     }
 
     /// What positions of points are relative to, metres.
@@ -155,8 +164,28 @@ impl Shining {
         }
     }
 
-    /// Ready to add to what arrives at points.
-    pub(super) fn looks<'a>(
+    /// The maps along some of the directions, each fitted around boxes of its own. What comes from beyond is not in them.
+    pub(super) fn ways_around(&self, context: &Context, groups: &[(u32, Vec<Aabb>)]) -> Ways {
+        let longest = longest_axis(&self.triangles.bounds);
+        let view = |(number, boxes): &(u32, Vec<Aabb>)| {
+            let direction = self.directions[*number as usize];
+            let around = (self.triangles.origin, &boxes[..]);
+            fit(
+                context,
+                &[direction],
+                around,
+                longest,
+                self.params.maps.resolution,
+            )
+        };
+        Ways {
+            views: groups.iter().flat_map(view).collect(),
+            radiances: vec![[Vec4::ZERO; 2]; groups.len()],
+        }
+    }
+
+    /// Points, ready to add to what arrives at them.
+    pub(super) fn gather<'a>(
         &'a self,
         context: &Context,
         ways: &'a Ways,
@@ -164,8 +193,21 @@ impl Shining {
         arriving: &Buffer,
     ) -> Result<Looks<'a>> {
         let [width, height] = points.size();
+        let points = (&points.buffer, width * height);
+        self.looks(context, ("gather", &self.look), ways, points, arriving)
+    }
+
+    /// So many points that look by a pass, and what they find.
+    pub(super) fn looks<'a>(
+        &'a self,
+        context: &Context,
+        pass: (&'a str, &'a ComputePass),
+        ways: &'a Ways,
+        (points, count): (&Buffer, u32),
+        found: &Buffer,
+    ) -> Result<Looks<'a>> {
         let asked = Asked {
-            points: width * height,
+            points: count,
             tolerance: self.params.maps.tolerance,
             d_max: f32::INFINITY,
         };
@@ -177,15 +219,16 @@ impl Shining {
             (0, series.batches.binding()),
             pixels,
             layers,
-            (3, points.buffer.as_entire_binding()),
-            (4, arriving.as_entire_binding()),
+            (3, points.as_entire_binding()),
+            (4, found.as_entire_binding()),
             (5, self.status.as_entire_binding()),
             (6, radiances.as_entire_binding()),
         ];
         resources.extend(self.field.iter().flat_map(Field::resources));
         Ok(Looks {
             shining: self,
-            group: self.look_up.bind(context, &resources)?,
+            group: pass.1.bind(context, &resources)?,
+            pass,
             series,
             points: asked.points,
         })
@@ -218,7 +261,21 @@ impl Looks<'_> {
             offset: Some(UniformArray::<Batch>::offset(batch as u32)),
             workgroups: grid(u64::from(self.points).div_ceil(64)),
         };
-        let look_up = &self.shining.look_up;
-        look_up.record(encoder, "gather", timer, &[&self.group], &[dispatch]);
+        let (name, pass) = self.pass;
+        pass.record(encoder, name, timer, &[&self.group], &[dispatch]);
     }
+}
+
+/// A pass over maps of a kind, of surfaces with light or without.
+fn pass(
+    context: &Context,
+    module: &str,
+    entry_point: &'static str,
+    (kept, has_field): (Kept, bool),
+) -> Result<ComputePass> {
+    let shader = linker()
+        .feature("extents", kept == Kept::Extents)
+        .feature("field", has_field)
+        .link(module)?;
+    Ok(shader.compute_pass(context, entry_point, &[], &[0])?)
 }
