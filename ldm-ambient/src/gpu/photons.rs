@@ -5,59 +5,33 @@
 //! found by any tracer. Splats are made, listed and added batch by batch, so that memory does not grow with the number of
 //! maps; nothing is added by atomics, so two frames of the same scene are equal bit by bit. [`SplatMethod`]: by tiles, or as quads.
 
+mod emission;
 mod splats;
+mod targets;
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Vec2, Vec3, Vec4};
+use glam::{Vec2, Vec3};
 use isophote_scene::{
-    Aabb, Answers, Camera, Pass, Projection, Scene, Selection,
+    Answers, Camera, Pass, Projection, Scene, Selection,
     gpu::{
         ComputePass, Context, Dispatch, GpuScene, GpuTracer, Timer, View as CameraView,
         reference::World,
     },
-    reference::{Materials, Normals, Progress},
+    reference::{Materials, Progress},
 };
 use wgpu::BufferUsages;
 
-pub use self::splats::SplatMethod;
-use self::splats::Splats;
+use self::{emission::Landed, splats::Splats};
+pub use self::{
+    splats::SplatMethod,
+    targets::{Light, Targets},
+};
 use super::{
-    BuildMethod, CameraPoints, Filler, Look, Points, broken, finish, fit, grid, linker,
+    BuildMethod, CameraPoints, Filler, Look, Points, finish, linker,
     maps::{Asked, Builder, Kept},
-    target,
     triangles::Triangles,
 };
-use crate::{
-    Deposit, Error, PhotonParams, Result, Spread,
-    cpu::{
-        photons::leave,
-        view::{View, longest_axis},
-    },
-};
-
-/// Bytes of a photon as a point, and of what it brings.
-const RECORD: u64 = 48;
-/// Photons around which maps are fitted together.
-const BOX: usize = 64;
-
-/// Textures that [`Photons::resolve`] fills: `Rgba32Float` with the usage `STORAGE_BINDING`, of the size of the picture. Their
-/// fourth number is 1.
-#[derive(Clone, Debug)]
-pub struct Targets {
-    /// Irradiance by light that bounced once, W/m².
-    pub irradiance: wgpu::Texture,
-    /// The radiance of it that diffuse surfaces send to the camera, W/(sr·m²).
-    pub radiance: wgpu::Texture,
-}
-
-/// The light of a picture, row by row from the top.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Light {
-    /// W/m².
-    pub irradiance: Vec<Vec3>,
-    /// W/(sr·m²).
-    pub radiance: Vec<Vec3>,
-}
+use crate::{Deposit, Error, PhotonParams, Result, Spread};
 
 /// Photons on a device, and what it takes to splat them.
 ///
@@ -71,29 +45,9 @@ pub struct Photons {
     triangles: Triangles,
     filler: Filler,
     builder: Builder,
-    emission: ComputePass,
-    weigh: ComputePass,
-    resolve: ComputePass,
-    directions: Vec<Vec3>,
-    /// Along the directions, around where photons landed.
-    views: Vec<View>,
+    landed: Landed,
     splats: Splats,
-    /// Photons as points that maps are asked for, and what they bring.
-    points: wgpu::Buffer,
-    photons: wgpu::Buffer,
-    /// Photons that left the lights.
-    count: u32,
-}
-
-/// `Emission` of photons/emission.wesl.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-struct Emission {
-    origin: Vec3,
-    count: u32,
-    flat_normals: u32,
-    pbr: u32,
-    padding: [u32; 2],
+    resolve: ComputePass,
 }
 
 /// `Resolving` of photons/resolve.wesl.
@@ -104,40 +58,6 @@ struct Resolving {
     size: [u32; 2],
     pbr: u32,
     padding: u32,
-}
-
-impl Targets {
-    /// Textures of a size in pixels, which can also be read by shaders and copied.
-    ///
-    /// # Errors
-    /// [`Error::Scene`] when the device has no textures that large.
-    pub fn new(context: &Context, size: [u32; 2]) -> Result<Self> {
-        Ok(Self {
-            irradiance: target(context, "irradiance", size)?,
-            radiance: target(context, "radiance", size)?,
-        })
-    }
-
-    /// Reads back what was submitted.
-    ///
-    /// # Errors
-    /// [`Error::Scene`] when the device fails, or has not filled them.
-    pub fn read(&self, context: &Context) -> Result<Light> {
-        let read = |label, texture| -> Result<Vec<Vec3>> {
-            let values: Vec<Vec4> = context.read_texture(label, texture)?;
-            if values
-                .iter()
-                .any(|value| value.w != 1.0 || !value.is_finite())
-            {
-                return Err(broken("the device did not finish, or its driver is broken"));
-            }
-            Ok(values.into_iter().map(Vec4::truncate).collect())
-        };
-        Ok(Light {
-            irradiance: read("irradiance", &self.irradiance)?,
-            radiance: read("radiance", &self.radiance)?,
-        })
-    }
 }
 
 impl Photons {
@@ -169,32 +89,22 @@ impl Photons {
         answers.require(Answers::Surface, "ldm", "the tracer of photons")?;
         let filler = Filler::new(context)?;
         let kept = Kept::Layers(BuildMethod::default());
-        let traced = |name, entry_point| -> Result<ComputePass> {
-            let shader = linker()
-                .scene(gpu_scene)
-                .tracer(exact)
-                .feature("quads", method == SplatMethod::Quads)
-                .link(name)?;
-            let groups = [exact.bind_group_layout(), gpu_scene.bind_group_layout()];
-            Ok(shader.compute_pass(context, entry_point, &groups, &[])?)
-        };
-        let weigh = linker().link("ldm_ambient::photons::weigh")?;
+        let resolve = linker()
+            .scene(gpu_scene)
+            .tracer(exact)
+            .feature("quads", method == SplatMethod::Quads)
+            .link("ldm_ambient::photons::resolve")?;
+        let groups = [exact.bind_group_layout(), gpu_scene.bind_group_layout()];
         let builder = Builder::new(context, gpu_scene, kept, params.maps.resolution)?;
         Ok(Self {
             params: *params,
             size,
             triangles: Triangles::new(context, scene, gpu_scene, selection, &filler)?,
             filler,
-            emission: traced("ldm_ambient::photons::emission", "emit")?,
-            weigh: weigh.compute_pass(context, "weigh", &[], &[])?,
-            resolve: traced("ldm_ambient::photons::resolve", "resolve")?,
-            directions: params.directions(),
-            views: Vec::new(),
+            landed: Landed::new(context, (gpu_scene, exact), params)?,
+            resolve: resolve.compute_pass(context, "resolve", &groups, &[])?,
             splats: Splats::new(context, method, size, builder.maps_at_once())?,
             builder,
-            points: context.storage("photons as points", RECORD)?,
-            photons: context.storage("photons", RECORD)?,
-            count: 0,
         })
     }
 
@@ -208,82 +118,10 @@ impl Photons {
         scene: &Scene,
         (gpu_scene, exact): (&GpuScene, &dyn GpuTracer),
     ) -> Result<()> {
-        let leaving = leave(scene, &self.params);
-        self.count = leaving.len() as u32;
-        let count = u64::from(self.count);
-        let words: Vec<[Vec4; 7]> = leaving
-            .iter()
-            .map(|photon| {
-                let [x, y] = photon.differential.position;
-                let [dx, dy] = photon.differential.direction;
-                let ray = &photon.ray;
-                [ray.origin, ray.direction, photon.flux, x, y, dx, dy].map(|v| v.extend(0.0))
-            })
-            .collect();
-        context.check_storage_size("photons", size_of_val(&words[..]) as u64)?;
-        let leaving = context.buffer("photons that leave", &words, BufferUsages::STORAGE)?;
-        self.points = context.storage("photons as points", RECORD * count)?;
-        self.photons = context.storage("photons", RECORD * count)?;
-        let emission = Emission {
-            origin: self.triangles.origin,
-            count: self.count,
-            flat_normals: u32::from(self.params.normals == Normals::Flat),
-            pbr: u32::from(self.params.materials == Materials::Pbr),
-            padding: [0; 2],
-        };
-        let emission = context.buffer("emission", &[emission], BufferUsages::UNIFORM)?;
-        let directions: Vec<Vec4> = self.directions.iter().map(|d| d.extend(0.0)).collect();
-        let directions = context.buffer("directions", &directions, BufferUsages::STORAGE)?;
-        let (points, photons) = (&self.points, &self.photons);
-        let emitted = [
-            (0, emission.as_entire_binding()),
-            (1, leaving.as_entire_binding()),
-            (2, points.as_entire_binding()),
-            (3, photons.as_entire_binding()),
-        ];
-        let weighed = [
-            (0, directions.as_entire_binding()),
-            (1, points.as_entire_binding()),
-            (2, photons.as_entire_binding()),
-        ];
-        let emitted = self.emission.bind(context, &emitted)?;
-        let weighed = self.weigh.bind(context, &weighed)?;
-        let mut encoder = context.device().create_command_encoder(&Default::default());
-        let dispatch = [Dispatch {
-            offset: None,
-            workgroups: grid(count.div_ceil(64)),
-        }];
-        let groups = [&emitted, exact.bind_group(), gpu_scene.bind_group()];
-        self.emission
-            .record(&mut encoder, "emission", None, &groups, &dispatch);
-        self.weigh
-            .record(&mut encoder, "weights", None, &[&weighed], &dispatch);
-        finish(context, encoder)?;
-        self.fit(context)
-    }
-
-    /// Fits maps around photons that landed.
-    fn fit(&mut self, context: &Context) -> Result<()> {
-        let records: Vec<[Vec4; 3]> =
-            context.read("photons as points", &self.points, self.count as usize)?;
-        let landed = records.iter().filter(|record| record[0].w != 0.0);
-        let landed: Vec<Vec3> = landed.map(|record| record[0].truncate()).collect();
-        let boxes = landed
-            .chunks(BOX)
-            .map(|some| Aabb::around(some.iter().copied()));
-        let boxes: Vec<Aabb> = boxes.collect();
-        let longest = longest_axis(&self.triangles.bounds);
-        self.views = match boxes.is_empty() {
-            true => Vec::new(),
-            false => fit(
-                context,
-                &self.directions,
-                (self.triangles.origin, &boxes),
-                longest,
-                self.params.maps.resolution,
-            ),
-        };
-        self.splats.reserve(context, self.count)
+        let scene = (scene, &self.triangles);
+        self.landed
+            .emit(context, scene, (gpu_scene, exact), &self.params)?;
+        self.splats.reserve(context, self.landed.count)
     }
 
     /// What positions of the points that are lit are relative to, metres.
@@ -321,7 +159,10 @@ impl Photons {
     }
 
     fn batches(&self) -> usize {
-        self.views.len().div_ceil(self.builder.maps_at_once())
+        self.landed
+            .views
+            .len()
+            .div_ceil(self.builder.maps_at_once())
     }
 
     fn splat_batches(
@@ -349,18 +190,18 @@ impl Photons {
             });
         }
         let asked = Asked {
-            points: self.count,
+            points: self.landed.count,
             tolerance: self.params.maps.tolerance,
             d_max: 0.0,
         };
         let series = self
             .builder
-            .series(context, &self.triangles, &self.views, asked)?;
+            .series(context, &self.triangles, &self.landed.views, asked)?;
         let resources = splats::Resources {
             batches: series.batches.binding(),
             tables: self.builder.tables(),
-            points: &self.points,
-            photons: &self.photons,
+            points: &self.landed.points,
+            photons: &self.landed.photons,
             screen: &screen.buffer,
         };
         let eye = camera.pinhole();
@@ -451,7 +292,7 @@ impl Photons {
         let encoder = || context.device().create_command_encoder(&Default::default());
         let mut passes = Vec::new();
         let count = |emitted: &Result<()>, photons: &Self| match emitted {
-            Ok(()) => u64::from(photons.count),
+            Ok(()) => u64::from(photons.landed.count),
             Err(_) => 0,
         };
         Pass::timed(&mut passes, "emission", || {
