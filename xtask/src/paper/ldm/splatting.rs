@@ -16,7 +16,8 @@ pub(super) fn measure(lab: &Lab) -> Measured {
     let (mut rows, mut numbers) = (Vec::new(), Vec::new());
     let (size, maps, photons) = match (lab.quick, lab.gpu && lab.is_gpu_software()?) {
         (true, _) => ("--size=64x48", "--ldm-maps=16", "--ldm-photons=16"),
-        (false, true) => ("--size=200x150", "--ldm-maps=32", "--ldm-photons=32"),
+        // Long enough that shaders, which software compiles while it runs them, do not count.
+        (false, true) => ("--size=320x240", "--ldm-maps=128", "--ldm-photons=32"),
         (false, false) => ("--size=800x800", "--ldm-maps=512", "--ldm-photons=64"),
     };
     // A GPU is measured only where one is asked for.
