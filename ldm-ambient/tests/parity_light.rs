@@ -271,9 +271,8 @@ impl Ground {
     }
 
     /// With maps fitted around the CPU's points.
-    fn on_gpu(&self) -> Lit {
+    fn on_gpu(&self, gather: &mut Gather) -> Lit {
         let (context, camera) = (&self.context, &self.scene.cameras[0]);
-        let mut gather = self.gather();
         let mut points = Points::new(context, SIZE).unwrap();
         let world = (&*self.scene, &self.gpu_scene);
         let all = Selection::default();
@@ -360,13 +359,13 @@ fn gathered_light_is_that_of_the_cpu() {
         println!("{name}");
         let ground = Ground::new(&context, scene, params);
         let expected = ground.on_cpu();
-        let error = off(&ground.on_gpu(), &expected);
+        let mut gather = ground.gather();
+        let error = off(&ground.on_gpu(&mut gather), &expected);
         let most = match name {
             "on metal" => MOST_OF_METALS,
             _ => [MOST; 2],
         };
         assert!(error < most[1], "{name}: {error}");
-        let mut gather = ground.gather();
         let found = ground.rendered(&mut gather);
         let error = off(&found, &expected);
         assert!(error < most[0], "{name}: {error}");

@@ -16,26 +16,22 @@
 mod field;
 mod looks;
 mod mirror;
+mod render;
+mod targets;
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Vec3, Vec4};
+use glam::Vec3;
 use isophote_scene::{
-    Answers, Camera, Pass, Scene, Selection,
-    gpu::{ComputePass, Context, Dispatch, GpuScene, GpuTracer, Timer, reference::World},
-    reference::{Materials, Progress},
+    Answers, Camera, Scene, Selection,
+    gpu::{ComputePass, Context, Dispatch, GpuScene, GpuTracer, Timer},
+    reference::Materials,
     sample::hash_seed,
 };
 use wgpu::BufferUsages;
 
-use self::{
-    looks::{Looks, Shining},
-    mirror::Mirror,
-};
-use super::{
-    Look, Points, broken, finish, grid, linker,
-    photons::{Light, Targets},
-    place,
-};
+pub use self::targets::{Lit, LitTargets};
+use self::{looks::Shining, mirror::Mirror};
+use super::{Look, Points, grid, linker, place};
 use crate::{Error, PhotonParams, Result, cpu::photons};
 
 /// Bytes of what is noted of a point, or summed up for a pixel.
@@ -56,24 +52,6 @@ pub struct Picture {
     pub irradiance: bool,
     /// Whether metals show what the nearest direction of the maps meets; otherwise only the lights.
     pub mirrored: bool,
-}
-
-/// The light of a picture.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Lit {
-    /// Straight from the lights and from the environment; irradiance is empty unless it is wanted.
-    pub direct: Light,
-    /// That bounced.
-    pub indirect: Light,
-}
-
-/// Textures that [`Gather::resolve`] fills.
-#[derive(Clone, Debug)]
-pub struct LitTargets {
-    /// Straight from the lights and from the environment; behind the radiance stand 1 and the shadow rays it took.
-    pub direct: Targets,
-    /// That bounced.
-    pub indirect: Targets,
 }
 
 /// Collects the light of what a camera sees, at some places of each pixel, which share the maps.
@@ -123,41 +101,6 @@ struct Resolving {
     size: [u32; 2],
     samples: f32,
     weight: f32,
-}
-
-impl LitTargets {
-    /// Textures of a size in pixels, which can also be read by shaders and copied.
-    ///
-    /// # Errors
-    /// [`Error::Scene`] when the device has no textures that large.
-    pub fn new(context: &Context, size: [u32; 2]) -> Result<Self> {
-        Ok(Self {
-            direct: Targets::new(context, size)?,
-            indirect: Targets::new(context, size)?,
-        })
-    }
-
-    /// Reads back what was submitted, and how many shadow rays it took.
-    ///
-    /// # Errors
-    /// [`Error::Scene`] when the device fails, or has not filled them.
-    pub fn read(&self, context: &Context) -> Result<(Lit, u64)> {
-        let irradiance: Vec<Vec4> = context.read_texture("irradiance", &self.direct.irradiance)?;
-        let radiance: Vec<Vec4> = context.read_texture("radiance", &self.direct.radiance)?;
-        let is_broken = |value: &Vec4| value.w < 1.0 || !value.is_finite();
-        if irradiance.iter().chain(&radiance).any(is_broken) {
-            return Err(broken("the device did not finish, or its driver is broken"));
-        }
-        let rays = radiance.iter().map(|value| value.w as u64 - 1).sum();
-        let lit = Lit {
-            direct: Light {
-                irradiance: irradiance.into_iter().map(Vec4::truncate).collect(),
-                radiance: radiance.into_iter().map(Vec4::truncate).collect(),
-            },
-            indirect: self.indirect.read(context)?,
-        };
-        Ok((lit, rays))
-    }
 }
 
 impl Gather {
@@ -401,7 +344,7 @@ impl Gather {
     /// Records that the light is written to textures. Irradiance straight from lights is in it only if it is wanted.
     ///
     /// # Errors
-    /// [`Error::Scene`] when the textures are not as [`Targets`] says.
+    /// [`Error::Scene`] when the textures are not as [`LitTargets`] says.
     pub fn resolve(
         &self,
         context: &Context,
@@ -448,115 +391,4 @@ impl Gather {
             None => Ok(true),
         }
     }
-
-    /// Lights what a camera sees, reads it back, and tells what it took. Submits in pieces that no driver's watchdog minds.
-    ///
-    /// # Errors
-    /// As [`see`](Self::see); [`Error::Scene`] when the device fails.
-    pub fn render(
-        &mut self,
-        context: &Context,
-        world: World<'_>,
-        camera: &Camera,
-        samples: u32,
-        progress: &dyn Progress,
-    ) -> Result<(Lit, Vec<Pass>)> {
-        let mut points = Points::new(context, self.picture.size)?;
-        let targets = LitTargets::new(context, self.picture.size)?;
-        let encoder = || context.device().create_command_encoder(&Default::default());
-        // More of them would ask no map.
-        let samples = samples.clamp(1, self.params.maps.maps * self.params.frames);
-        let mut passes = Vec::new();
-        let mut sample = 0;
-        while sample < samples {
-            if sample == 0 {
-                passes.clear();
-                let mut first = encoder();
-                self.begin(&mut first, world.gpu_scene);
-                context.submit("light", first)?;
-            }
-            let look = (camera, [sample, samples]);
-            self.take(context, world, look, &mut points, &mut passes)?;
-            sample = match self.has_room(context)? {
-                true => sample + 1,
-                false => 0,
-            };
-            progress.advance(u64::from(sample), u64::from(samples));
-        }
-        let mut last = encoder();
-        self.resolve(context, &mut last, &targets)?;
-        context.submit("light", last)?;
-        let (mut lit, rays) = targets.read(context)?;
-        passes[0].rays += rays;
-        if !self.picture.irradiance {
-            lit.direct.irradiance.clear();
-        }
-        Ok((lit, passes))
-    }
-
-    /// Sees and lights one place of each pixel, and waits for it, piece by piece.
-    fn take(
-        &mut self,
-        context: &Context,
-        world: World<'_>,
-        (camera, [sample, samples]): (&Camera, [u32; 2]),
-        points: &mut Points,
-        passes: &mut Vec<Pass>,
-    ) -> Result<()> {
-        let pixels = u64::from(self.picture.size[0]) * u64::from(self.picture.size[1]);
-        let encoder = || context.device().create_command_encoder(&Default::default());
-        Pass::timed(passes, "direct", || {
-            let mut encoder = encoder();
-            let on = (world.gpu_scene, world.exact);
-            let seen = self.see(context, &mut encoder, on, (camera, sample), points, None);
-            (seen.and_then(|()| finish(context, encoder)), [pixels, 0])
-        })?;
-        let Some(shining) = self.shining.as_ref().filter(|one| !one.is_dark()) else {
-            return Ok(());
-        };
-        points.tighten(context)?;
-        let ways = shining.ways(context, points, [sample, samples]);
-        let mut clear = encoder();
-        clear.clear_buffer(&self.arriving, 0, None);
-        context.submit("light", clear)?;
-        let looks = shining.gather(context, &ways, points, &self.arriving)?;
-        let rays = |maps: usize| maps as u64 * pixels;
-        look(context, world.gpu_scene, &looks, rays, ("gather", passes))?;
-        let mut last = encoder();
-        self.shade(context, &mut last)?;
-        context.submit("light", last)?;
-        self.weight += ways.weight();
-        let Some(mirror) = self
-            .mirror
-            .as_mut()
-            .filter(|one| one.is_due([sample, samples]))
-        else {
-            return Ok(());
-        };
-        if let Some(ways) = mirror.ways(context, shining)? {
-            let looks = mirror.looks(context, shining, &ways)?;
-            look(context, world.gpu_scene, &looks, |_| 0, ("mirror", passes))?;
-        }
-        let mut last = encoder();
-        mirror.add(context, &mut last, [&self.lit, &self.shown])?;
-        Ok(context.submit("light", last)?)
-    }
-}
-
-/// Looks along the maps batch by batch, and waits for each, which takes so many look-ups for so many maps.
-fn look(
-    context: &Context,
-    gpu_scene: &GpuScene,
-    looks: &Looks<'_>,
-    rays: impl Fn(usize) -> u64,
-    (name, passes): (&'static str, &mut Vec<Pass>),
-) -> Result<()> {
-    for batch in 0..looks.len() {
-        Pass::timed(passes, name, || {
-            let mut encoder = context.device().create_command_encoder(&Default::default());
-            looks.record(&mut encoder, batch, gpu_scene, None);
-            (finish(context, encoder), [rays(looks.maps(batch)), 0])
-        })?;
-    }
-    Ok(())
 }
