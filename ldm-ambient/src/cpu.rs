@@ -14,6 +14,7 @@ pub mod photons;
 mod points;
 mod raster;
 mod reach;
+mod room;
 pub mod trace;
 mod triangles;
 pub(crate) mod view;

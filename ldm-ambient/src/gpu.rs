@@ -57,6 +57,7 @@ pub const SHADERS: ShaderPackage = shader_package!(
         "gather/reflect",
         "gather/reflected",
         "gather/resolve",
+        "gather/rooms",
         "gather/shade",
         "gather/surface",
         "layers",
@@ -79,6 +80,7 @@ pub const SHADERS: ShaderPackage = shader_package!(
         "points/store",
         "reach",
         "resolve",
+        "room",
         "scan",
         "sort",
     ]

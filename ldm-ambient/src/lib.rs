@@ -43,6 +43,8 @@
 //! - Corners are rounded to a 256th of a pixel on the CPU too, so that both sides cover the same pixels.
 //! - A point is moved to the line of its pixel's centre within its own plane; where its surface does not reach so far, the pixels
 //!   beside it are asked. The paper compares depths as they are, with a tolerance.
+//! - Points that gather light are moved only as far as four short rays along their planes found room (`cpu/room.rs`): beside a lit
+//!   ledge a pixel's line may begin inside it.
 //! - With `d_max` a map holds what is within the reach of the points that ask it, and in no order: who looks through all layers
 //!   of a pixel, eight points at a time, needs none.
 //! - Without `d_max` a map keeps the first and the last layer of each pixel: nothing else is asked for.

@@ -297,7 +297,7 @@ impl Ground {
                 let mut adding = encoder();
                 let part = [sample, SAMPLES];
                 gather
-                    .add(context, &mut adding, &self.gpu_scene, &points, part, None)
+                    .add(context, &mut adding, on, &points, part, None)
                     .unwrap();
                 submit(adding);
             }

@@ -2,12 +2,13 @@
 //!
 //! A layer is the surface at the centre of a pixel, and x is not there: x is moved to the centre's line within the plane it
 //! lies in, so that a plane never shadows itself however steep the map sees it. Where the surface of x does not reach so far,
-//! in a corner or at an edge, the pixels beside it are asked.
+//! in a corner or at an edge, or where something stands between, the pixels beside it are asked.
 
 use super::{
     lanes::Simd,
     maps::{Extents, Map, Quads},
     points::PointBlock,
+    room::Room,
     view::View,
 };
 
@@ -148,6 +149,17 @@ impl<S: Simd> Aim<S> {
     /// What a block of points sees: each at the nearest pixel that knows its surface.
     #[inline(always)]
     pub(super) fn at<M: Layers>(simd: S, map: &M, block: &PointBlock, tolerance: f32) -> Self {
+        Self::within(simd, map, (block, None), tolerance)
+    }
+
+    /// The same, asking only pixels to which points can be moved: where there is none near, nothing is above.
+    #[inline(always)]
+    pub(super) fn within<M: Layers>(
+        simd: S,
+        map: &M,
+        (block, room): (&PointBlock, Option<&Room>),
+        tolerance: f32,
+    ) -> Self {
         let view = map.view();
         let place = Place::new(simd, view, block);
         let zero = simd.splat(0.0);
@@ -176,8 +188,13 @@ impl<S: Simd> Aim<S> {
             depths: question.depths,
             ahead,
         };
+        let mut blocked = simd.none();
+        if let Some(room) = room {
+            blocked = simd.and_not(above, place.holds(simd, view, room, (i, j)));
+        }
         let steep = simd.less(simd.abs(facing), simd.splat(STEEP));
         let mut unknown = simd.and_not(simd.and_not(above, known), steep);
+        unknown = simd.or(unknown, blocked);
         if simd.bits(unknown) == 0 {
             return aim;
         }
@@ -195,6 +212,10 @@ impl<S: Simd> Aim<S> {
         );
         for (i, j) in [first, then] {
             question.asking = simd.and(unknown, inside(simd, view, i, j));
+            if let Some(room) = room {
+                let held = place.holds(simd, view, room, (i, j));
+                question.asking = simd.and(question.asking, held);
+            }
             question.pixels = place.pixel(simd, i, j);
             question.depths = place.depth(simd, i, j);
             let (ahead, known) = map.ahead(simd, &question, true);
@@ -203,10 +224,13 @@ impl<S: Simd> Aim<S> {
             aim.columns = simd.select(known, i, aim.columns);
             aim.rows = simd.select(known, j, aim.rows);
             unknown = simd.and_not(unknown, known);
+            blocked = simd.and_not(blocked, known);
             if simd.bits(unknown) == 0 {
                 break;
             }
         }
+        aim.above = simd.and_not(aim.above, blocked);
+        aim.cosines = simd.select(blocked, zero, aim.cosines);
         aim
     }
 }
@@ -261,6 +285,23 @@ impl<S: Simd> Place<S> {
         let along = simd.min(along, simd.splat(self.steepest));
         let along = simd.max(along, simd.splat(-self.steepest));
         simd.add(self.depths, along)
+    }
+
+    /// Whether points can be moved to the line of a pixel's centre.
+    #[inline(always)]
+    fn holds(
+        &self,
+        simd: S,
+        view: &View,
+        room: &Room,
+        (column, row): (S::Floats, S::Floats),
+    ) -> S::Mask {
+        let (half, pixel) = (simd.splat(0.5), simd.splat(view.pixel));
+        let [x, y] = self.at;
+        let x = simd.mul(simd.sub(simd.add(column, half), x), pixel);
+        let y = simd.mul(simd.sub(simd.add(row, half), y), pixel);
+        let deeper = simd.sub(self.depth(simd, column, row), self.depths);
+        room.holds(simd, view, [x, y, deeper])
     }
 
     #[inline(always)]

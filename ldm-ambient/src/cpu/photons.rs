@@ -69,9 +69,9 @@ pub struct Lit {
 /// # Errors
 /// [`Error::Parameter`] for parameters out of their range and, where anything is splatted, for a parallel camera,
 /// [`Error::Scene`] when the exact tracer does not answer [`Answers::Surface`].
-pub fn light<T: Tracer + ?Sized>(
+pub fn light(
     triangles: &Triangles<'_>,
-    exact: &T,
+    exact: &dyn Tracer,
     camera: &Camera,
     seen: &GBuffer,
     params: &PhotonParams,
@@ -138,6 +138,7 @@ pub fn light<T: Tracer + ?Sized>(
 /// Photons where they landed, ready to light any points: pixels, vertices or texels alike.
 pub struct Photons<'a> {
     triangles: &'a Triangles<'a>,
+    exact: &'a dyn Tracer,
     /// What surfaces send on.
     field: Field,
     /// What arrives at them straight from the lights.
@@ -153,9 +154,9 @@ impl<'a> Photons<'a> {
     /// # Errors
     /// [`Error::Parameter`] for parameters out of their range, [`Error::Scene`] when the exact tracer does not answer
     /// [`Answers::Surface`].
-    pub fn emit<T: Tracer + ?Sized>(
+    pub fn emit(
         triangles: &'a Triangles<'a>,
-        exact: &T,
+        exact: &'a dyn Tracer,
         params: &PhotonParams,
     ) -> Result<Self> {
         params.check()?;
@@ -174,9 +175,9 @@ impl<'a> Photons<'a> {
         })
     }
 
-    fn of<T: Tracer + ?Sized>(
+    fn of(
         triangles: &'a Triangles<'a>,
-        exact: &T,
+        exact: &'a dyn Tracer,
         mut lit: Lit,
         photons: Vec<Vec<Photon>>,
         params: &PhotonParams,
@@ -192,6 +193,7 @@ impl<'a> Photons<'a> {
         };
         Self {
             triangles,
+            exact,
             field,
             direct: Field::default(),
             sky,
@@ -214,7 +216,7 @@ impl<'a> Photons<'a> {
             sky: &self.sky,
         };
         gather::gather(
-            self.triangles,
+            (self.triangles, self.exact),
             shining,
             points,
             part,

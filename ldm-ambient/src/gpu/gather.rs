@@ -6,6 +6,7 @@
 //! | what a camera sees | [`cpu::Points::with_seen`](crate::cpu::Points::with_seen) | `shaders/gather/lights.wesl` |
 //! | lights, by rays | [`DirectLight::without_environment`](isophote_scene::DirectLight::without_environment) | the same |
 //! | lights, by photons | [`photons::Photons::direct`] | `shaders/gather/landed.wesl` |
+//! | the room of points | `cpu/room.rs` | `gather/rooms.rs`, `shaders/room.wesl`, `shaders/gather/rooms.wesl` |
 //! | along the maps | [`photons::Photons::light`] | `gather/looks.rs`, `shaders/gather/{look,shade}.wesl` |
 //! | metals | [`photons::Photons::mirrored`] | `gather/mirror.rs`, `shaders/gather/{reflect,mirror,reflected}.wesl` |
 //! | footprints in a grid | `cpu/photons/field.rs` | `gather/field.rs`, `shaders/gather/field.wesl` |
@@ -17,6 +18,7 @@ mod field;
 mod looks;
 mod mirror;
 mod render;
+mod rooms;
 mod targets;
 
 use bytemuck::{Pod, Zeroable};
@@ -37,7 +39,7 @@ use crate::{Error, PhotonParams, Result, cpu::photons};
 /// Bytes of what is noted of a point, or summed up for a pixel.
 const ALBEDO: u64 = 16;
 const LIT: u64 = 32;
-const ARRIVING: u64 = 32;
+const ARRIVING: u64 = 48;
 const SUMS: u64 = 64;
 const SHOWN: u64 = 16;
 
@@ -135,7 +137,9 @@ impl Gather {
         let shining = match shines || photons.is_some() {
             true => {
                 let on = (scene, gpu_scene);
-                Some(Shining::new(context, on, selection, params, photons)?)
+                Some(Shining::new(
+                    context, on, selection, params, photons, exact,
+                )?)
             }
             false => None,
         };
@@ -272,7 +276,7 @@ impl Gather {
         &mut self,
         context: &Context,
         encoder: &mut wgpu::CommandEncoder,
-        gpu_scene: &GpuScene,
+        (gpu_scene, exact): (&GpuScene, &dyn GpuTracer),
         points: &Points,
         part: [u32; 2],
         mut timer: Option<&mut Timer>,
@@ -283,6 +287,13 @@ impl Gather {
         };
         let ways = shining.ways(context, points, part);
         encoder.clear_buffer(&self.arriving, 0, None);
+        shining.measure(
+            context,
+            encoder,
+            (gpu_scene, exact),
+            (&ways, points),
+            &self.arriving,
+        )?;
         let looks = shining.gather(context, &ways, points, &self.arriving)?;
         for batch in 0..looks.len() {
             looks.record(encoder, batch, gpu_scene, timer.as_deref_mut());

@@ -147,14 +147,14 @@ fn gather(
         irradiance: order.wants(is_irradiance),
         mirrored: technique.ldm_glossy == Some(GlossyChoice::Nearest),
     };
-    let triangles;
+    let (triangles, tree);
     let sent = match params.bounces > 0 || params.direct {
         false => None,
         true => {
             triangles = Triangles::new(scene, &scene.transforms(), selection)?;
             let scene = Arc::new(scene.clone());
-            let exact = BvhTracer::build(&scene, selection, &BvhOptions::default())?;
-            Some(cpu::photons::Photons::emit(&triangles, &exact, &params)?)
+            tree = BvhTracer::build(&scene, selection, &BvhOptions::default())?;
+            Some(cpu::photons::Photons::emit(&triangles, &tree, &params)?)
         }
     };
     found

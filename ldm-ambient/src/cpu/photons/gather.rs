@@ -10,7 +10,7 @@
 use std::{f32::consts::PI, time::Instant};
 
 use glam::{Vec2, Vec3};
-use isophote_scene::{Pass, reference::Progress};
+use isophote_scene::{Pass, Tracer, reference::Progress};
 use rayon::prelude::*;
 
 use super::{PhotonParams, field::Field};
@@ -21,6 +21,7 @@ use crate::cpu::{
     maps::{Extents, Map, Redrawn, Scratch},
     occlusion::MAPS,
     points::PointBlock,
+    room::Room,
     view::{View, longest_axis},
 };
 
@@ -77,7 +78,7 @@ pub(super) struct Shining<'a> {
 
 /// The light of points, in their order, by every so manyth map.
 pub(super) fn gather(
-    triangles: &Triangles<'_>,
+    (triangles, exact): (&Triangles<'_>, &dyn Tracer),
     shining: Shining<'_>,
     points: &Points,
     part: [u32; 2],
@@ -86,6 +87,7 @@ pub(super) fn gather(
 ) -> (Vec<Gathered>, [Pass; 2]) {
     let gathering = Gathering {
         triangles,
+        exact,
         shining,
         points,
         part,
@@ -105,6 +107,7 @@ pub(super) fn gather(
 
 struct Gathering<'a> {
     triangles: &'a Triangles<'a>,
+    exact: &'a dyn Tracer,
     shining: Shining<'a>,
     points: &'a Points,
     part: [u32; 2],
@@ -121,6 +124,7 @@ impl Gathering<'_> {
         let blocks = PointBlock::pack(&self.points.points, origin);
         let mut sums = vec![Sums::default(); blocks.len()];
         let ways = self.ways(&blocks);
+        let rooms = self.rooms(&ways);
         let at_once = rayon::current_num_threads().clamp(MAPS[0], MAPS[1]);
         let (mut building, mut gathering, mut done) = (0.0, 0.0, 0);
         for some in ways.chunks(at_once) {
@@ -132,8 +136,9 @@ impl Gathering<'_> {
                 some.par_iter().map_init(Scratch::default, build).collect();
             building += start.elapsed().as_secs_f64();
             let start = Instant::now();
-            let chunks = blocks.par_chunks(CHUNK).zip(sums.par_chunks_mut(CHUNK));
-            chunks.for_each(|(blocks, sums)| {
+            let chunks = blocks.par_chunks(CHUNK).zip(rooms.par_chunks(CHUNK));
+            let chunks = chunks.zip(sums.par_chunks_mut(CHUNK));
+            chunks.for_each(|((blocks, rooms), sums)| {
                 for (map, sky) in &maps {
                     with_registers(Light {
                         field: self.shining.field,
@@ -142,6 +147,7 @@ impl Gathering<'_> {
                         origin,
                         tolerance: self.params.maps.tolerance * map.view().pixel,
                         blocks,
+                        rooms,
                         sums,
                     });
                 }
@@ -160,6 +166,16 @@ impl Gathering<'_> {
         });
         let of_point = |index: usize| sums[index / LANES].of(index % LANES);
         ((0..self.points.len()).map(of_point).collect(), passes)
+    }
+
+    /// The room of the points. The sky alone does not need it: what is beside a point hides it whichever side it is seen from.
+    fn rooms(&self, ways: &[(View, [Vec3; 2])]) -> Vec<Option<Room>> {
+        let points = &self.points.points;
+        if self.shining.field.is_empty() {
+            return vec![None; points.len().div_ceil(LANES)];
+        }
+        let pixels = ways.iter().map(|(view, _)| view.pixel);
+        Room::measure(self.exact, points, pixels.fold(0.0, f32::max))
     }
 
     /// The views of this part's maps, fitted around the points, and what comes from beyond along them.
@@ -204,6 +220,7 @@ struct Light<'a, M> {
     /// Metres.
     tolerance: f32,
     blocks: &'a [PointBlock],
+    rooms: &'a [Option<Room>],
     sums: &'a mut [Sums],
 }
 
@@ -215,8 +232,9 @@ impl<M: Layers> Work for Light<'_, M> {
         let [ahead, behind] = self.sky.map(|radiance| PI * radiance);
         let (zero, infinite) = (simd.splat(0.0), simd.splat(f32::INFINITY));
         let is_dark = self.sky == [Vec3::ZERO; 2];
-        for (block, sums) in self.blocks.iter().zip(self.sums) {
-            let aim = Aim::at(simd, self.map, block, self.tolerance);
+        let blocks = self.blocks.iter().zip(self.rooms);
+        for ((block, room), sums) in blocks.zip(self.sums) {
+            let aim = Aim::within(simd, self.map, (block, room.as_ref()), self.tolerance);
             let weight = simd.add(simd.load(&sums.weight), aim.cosines);
             sums.weight = simd.store(weight);
             let finite = simd.less(aim.ahead, infinite);

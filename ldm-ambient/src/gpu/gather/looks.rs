@@ -3,7 +3,7 @@
 use glam::{Vec3, Vec4};
 use isophote_scene::{
     Aabb, Scene, Selection,
-    gpu::{ComputePass, Context, Dispatch, GpuScene, Timer, UniformArray},
+    gpu::{ComputePass, Context, Dispatch, GpuScene, GpuTracer, Timer, UniformArray},
 };
 use wgpu::{BindGroup, Buffer, BufferUsages};
 
@@ -14,6 +14,7 @@ use super::{
         triangles::Triangles,
     },
     field::Field,
+    rooms::Rooms,
 };
 use crate::{
     PhotonParams, Result,
@@ -35,8 +36,8 @@ pub(super) struct Shining {
     filler: Filler,
     builder: Builder,
     look: ComputePass,
-    /// What surfaces send on.
-    field: Option<Field>,
+    /// What surfaces send on, and how much room points have to look for it.
+    field: Option<(Field, Rooms)>,
     /// What arrives at them straight from the lights.
     pub(super) landed: Option<Field>,
     /// Most layers that were needed, and whether any was lost.
@@ -63,6 +64,12 @@ impl Ways {
     pub(super) fn weight(&self) -> f32 {
         0.5 * self.views.len() as f32
     }
+
+    /// The largest pixel of the maps, metres.
+    fn pixel(&self) -> f32 {
+        let pixels = self.views.iter().map(|view| view.pixel);
+        pixels.fold(0.0, f32::max)
+    }
 }
 
 impl Shining {
@@ -72,6 +79,7 @@ impl Shining {
         selection: &Selection,
         params: &PhotonParams,
         photons: Option<&photons::Photons<'_>>,
+        exact: &dyn GpuTracer,
     ) -> Result<Self> {
         let (maps, environment) = (params.maps, &scene.environment);
         let filler = Filler::new(context)?;
@@ -79,7 +87,10 @@ impl Shining {
         let packed = photons.map(|photons| photons.packed(triangles.origin));
         let upload = |packed: &_| Field::upload(context, packed);
         let [field, landed] = packed.unwrap_or_default();
-        let field = field.as_ref().map(upload).transpose()?;
+        let field = match &field {
+            Some(field) => Some((upload(field)?, Rooms::new(context, gpu_scene, exact)?)),
+            None => None,
+        };
         let landed = landed.as_ref().map(upload).transpose()?;
         // Whether there is anything is all that is asked of the maps where no surface shines.
         let kept = match field {
@@ -184,6 +195,22 @@ impl Shining {
         }
     }
 
+    /// Records that the room of points is measured, where surfaces shine.
+    pub(super) fn measure(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        on: (&GpuScene, &dyn GpuTracer),
+        (ways, points): (&Ways, &Points),
+        arriving: &Buffer,
+    ) -> Result<()> {
+        let Some((_, rooms)) = &self.field else {
+            return Ok(());
+        };
+        let maps = (self.origin(), ways.pixel());
+        rooms.record(context, encoder, on, maps, (points, arriving))
+    }
+
     /// Points, ready to add to what arrives at them.
     pub(super) fn gather<'a>(
         &'a self,
@@ -224,7 +251,8 @@ impl Shining {
             (5, self.status.as_entire_binding()),
             (6, radiances.as_entire_binding()),
         ];
-        resources.extend(self.field.iter().flat_map(Field::resources));
+        let field = self.field.iter();
+        resources.extend(field.flat_map(|(field, _)| field.resources()));
         Ok(Looks {
             shining: self,
             group: pass.1.bind(context, &resources)?,

@@ -83,6 +83,8 @@ impl Gather {
         let ways = shining.ways(context, points, [sample, samples]);
         let mut clear = encoder();
         clear.clear_buffer(&self.arriving, 0, None);
+        let on = (world.gpu_scene, world.exact);
+        shining.measure(context, &mut clear, on, (&ways, &*points), &self.arriving)?;
         context.submit("light", clear)?;
         let looks = shining.gather(context, &ways, points, &self.arriving)?;
         let rays = |maps: usize| maps as u64 * pixels;
