@@ -61,7 +61,13 @@
 //!   divided by the part of the footprint that is on a surface (`cpu/photons/{cut,field}.rs`).
 //! - Photons that are splatted land in the planes of what the camera sees, which the map's distance only chooses; those whose middle is hidden
 //!   or outside of the picture count where their footprint is not.
-//! - Splatting is tiled, without atomics (on GPUs the paper's quads can be chosen); the filter's third row reaches a share of the footprint's radius out of its plane.
+//! - Photons leave a light's view as rays of a tracer; the paper draws the scene from the light.
+//! - Footprints are as wide as makes those of a raster flat together, twice their differentials ([`PhotonParams::splat_size`]); what
+//!   faces away from where a photon came from gets none of it.
+//! - Directions above the shading normal but below the surface count as hidden.
+//! - On GPUs photons that are splatted are parallel, bounce once and leave direct light to rays; those that are gathered have no such
+//!   limits.
+//! - Splatting is tiled, without atomics that add (on GPUs the paper's quads can be chosen); the filter's third row reaches a share of the footprint's radius out of its plane.
 
 pub mod cpu;
 mod directions;

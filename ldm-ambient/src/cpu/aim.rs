@@ -149,16 +149,28 @@ impl<S: Simd> Aim<S> {
     /// What a block of points sees: each at the nearest pixel that knows its surface.
     #[inline(always)]
     pub(super) fn at<M: Layers>(simd: S, map: &M, block: &PointBlock, tolerance: f32) -> Self {
-        Self::within(simd, map, (block, None), tolerance)
+        Self::look(simd, map, (block, None), tolerance, false)
     }
 
-    /// The same, asking only pixels to which points can be moved: where there is none near, nothing is above.
+    /// The same, asking only pixels to which points can be moved, also across corners; where there is none near, the direction does
+    /// not count.
     #[inline(always)]
     pub(super) fn within<M: Layers>(
         simd: S,
         map: &M,
         (block, room): (&PointBlock, Option<&Room>),
         tolerance: f32,
+    ) -> Self {
+        Self::look(simd, map, (block, room), tolerance, true)
+    }
+
+    #[inline(always)]
+    fn look<M: Layers>(
+        simd: S,
+        map: &M,
+        (block, room): (&PointBlock, Option<&Room>),
+        tolerance: f32,
+        corners: bool,
     ) -> Self {
         let view = map.view();
         let place = Place::new(simd, view, block);
@@ -198,19 +210,12 @@ impl<S: Simd> Aim<S> {
         if simd.bits(unknown) == 0 {
             return aim;
         }
-        // The neighbour across the nearer side first; that across the corner hardly ever knows more.
-        let (aside_x, far_x) = aside(simd, place.at[0], i);
-        let (aside_y, far_y) = aside(simd, place.at[1], j);
-        let x_first = simd.at_most(far_y, far_x);
-        let first = (
-            simd.select(x_first, aside_x, i),
-            simd.select(x_first, j, aside_y),
-        );
-        let then = (
-            simd.select(x_first, i, aside_x),
-            simd.select(x_first, aside_y, j),
-        );
-        for (i, j) in [first, then] {
+        // For occlusion the pixel across the corner hardly ever knows more.
+        let count = if corners { 3 } else { 2 };
+        for (i, j) in place.beside(simd, i, j).into_iter().take(count) {
+            if simd.bits(unknown) == 0 {
+                break;
+            }
             question.asking = simd.and(unknown, inside(simd, view, i, j));
             if let Some(room) = room {
                 let held = place.holds(simd, view, room, (i, j));
@@ -225,9 +230,6 @@ impl<S: Simd> Aim<S> {
             aim.rows = simd.select(known, j, aim.rows);
             unknown = simd.and_not(unknown, known);
             blocked = simd.and_not(blocked, known);
-            if simd.bits(unknown) == 0 {
-                break;
-            }
         }
         aim.above = simd.and_not(aim.above, blocked);
         aim.cosines = simd.select(blocked, zero, aim.cosines);
@@ -285,6 +287,23 @@ impl<S: Simd> Place<S> {
         let along = simd.min(along, simd.splat(self.steepest));
         let along = simd.max(along, simd.splat(-self.steepest));
         simd.add(self.depths, along)
+    }
+
+    /// The pixel across the nearer side of that in which the points are, that across the other side, and that across the corner.
+    #[inline(always)]
+    fn beside(&self, simd: S, i: S::Floats, j: S::Floats) -> [(S::Floats, S::Floats); 3] {
+        let (aside_x, far_x) = aside(simd, self.at[0], i);
+        let (aside_y, far_y) = aside(simd, self.at[1], j);
+        let x_first = simd.at_most(far_y, far_x);
+        let first = (
+            simd.select(x_first, aside_x, i),
+            simd.select(x_first, j, aside_y),
+        );
+        let then = (
+            simd.select(x_first, i, aside_x),
+            simd.select(x_first, aside_y, j),
+        );
+        [first, then, (aside_x, aside_y)]
     }
 
     /// Whether points can be moved to the line of a pixel's centre.

@@ -210,7 +210,7 @@ impl<'a> Photons<'a> {
         points: &Points,
         part: [u32; 2],
         progress: &dyn Progress,
-    ) -> (Vec<Gathered>, [Pass; 2]) {
+    ) -> (Vec<Gathered>, [Pass; 3]) {
         let shining = Shining {
             field: &self.field,
             sky: &self.sky,

@@ -11,7 +11,8 @@
 //! | metals | [`photons::Photons::mirrored`] | `gather/mirror.rs`, `shaders/gather/{reflect,mirror,reflected}.wesl` |
 //! | footprints in a grid | `cpu/photons/field.rs` | `gather/field.rs`, `shaders/gather/field.wesl` |
 //!
-//! Photons are sent on the CPU, which cuts them at edges and shadows: there are few, and they are the same in each frame. Nothing is
+//! Photons are sent on the CPU, which cuts them at edges and shadows: there are few, and they are the same in each frame until lights or
+//! instances move; then they are to be sent again, and a new [`Gather`] is made. Nothing is
 //! added by atomics: two frames of the same scene are equal bit by bit.
 
 mod field;

@@ -32,7 +32,7 @@ use crate::{Result, cpu::view::View};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum BuildMethod {
     /// The paper's: linked lists that are sorted while they are built. Where a pixel has more layers than lists are walked along,
-    /// a thousand, all are [linearised](Self::Linearised) from then on.
+    /// a thousand, all are [linearised](Self::Linearised) from then on; light that is [gathered](super::gather) always is.
     #[default]
     LinkedLists,
     /// Counted, summed up, written and sorted.

@@ -326,6 +326,7 @@ impl Occlusion {
         let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
         let encoder = || context.device().create_command_encoder(&Default::default());
         let mut passes = Vec::new();
+        let samples = samples.max(1);
         loop {
             let mut first = encoder();
             self.begin(&mut first, world.gpu_scene);

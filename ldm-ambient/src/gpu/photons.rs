@@ -81,7 +81,10 @@ impl Photons {
         {
             return Err(Error::Parameter {
                 name: "the photons",
-                value: format!("{:?}, {:?}", params.deposit, params.spread),
+                value: format!(
+                    "{:?}, {:?}, direct: {}",
+                    params.deposit, params.spread, params.direct
+                ),
                 expected: "on GPUs they are splatted, parallel, and light that bounced alone",
             });
         }

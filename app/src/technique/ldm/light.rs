@@ -43,6 +43,8 @@ struct Sums {
     /// By cosines: of photons and of the environment.
     light: [Shares; 2],
     weight: f32,
+    /// Samples that see a surface.
+    seen: u32,
     /// By points: straight from the lights, and what is mirrored of surfaces and of the environment.
     direct: Shares,
     mirrored: [Vec3; 2],
@@ -84,11 +86,7 @@ impl Lighting<'_, '_> {
         let samples = technique.ldm_samples.min(maps);
         // Where nothing is seen there is no light: the mean cosine over a hemisphere is a half.
         let missing = 0.5 * maps as f32 / samples as f32;
-        let nothing = Sums {
-            weight: missing * samples as f32,
-            ..Sums::default()
-        };
-        let mut sums = vec![nothing; pixels];
+        let mut sums = vec![Sums::default(); pixels];
         let mut rays = Rays::default();
         for sample in 0..samples {
             let scene = self.triangles.scene();
@@ -101,7 +99,7 @@ impl Lighting<'_, '_> {
                 let (light, passes) = photons.light(&points, [sample, samples], self.progress);
                 found.passes.extend(passes);
                 for ((&index, light), seen) in points.indices().iter().zip(&light).zip(&seen) {
-                    sums[index as usize].add(light, missing, seen.albedo());
+                    sums[index as usize].add(light, seen.albedo());
                 }
             }
             if self.wants_direct() {
@@ -119,7 +117,7 @@ impl Lighting<'_, '_> {
                 self.mirror(&photons, std::mem::take(&mut rays), &mut sums, found);
             }
         }
-        Ok(Lit::of(&sums, samples))
+        Ok(Lit::of(&sums, samples, missing))
     }
 
     fn wants_direct(&self) -> bool {
@@ -217,24 +215,26 @@ impl Rays {
 }
 
 impl Sums {
-    fn add(&mut self, light: &Gathered, missing: f32, albedo: Vec3) {
+    fn add(&mut self, light: &Gathered, albedo: Vec3) {
         for (sum, more) in self.light.iter_mut().zip([light.light, light.sky]) {
             sum.radiance += albedo / PI * more;
             sum.irradiance += more;
         }
-        self.weight += light.weight - missing;
+        self.weight += light.weight;
+        self.seen += 1;
     }
 }
 
 impl Lit {
-    fn of(sums: &[Sums], samples: u32) -> Self {
+    fn of(sums: &[Sums], samples: u32, missing: f32) -> Self {
         let light = |of: &dyn Fn(&Sums) -> Shares| Light {
             radiance: sums.iter().map(|sums| of(sums).radiance).collect(),
             irradiance: sums.iter().map(|sums| of(sums).irradiance).collect(),
         };
         let share = 1.0 / samples as f32;
         let mean = |sums: &Sums, which: usize| {
-            let (sum, weight) = (sums.light[which], sums.weight.max(f32::MIN_POSITIVE));
+            let weight = sums.weight + (samples - sums.seen) as f32 * missing;
+            let (sum, weight) = (sums.light[which], weight.max(f32::MIN_POSITIVE));
             Shares {
                 radiance: sum.radiance / weight + share * sums.mirrored[which],
                 irradiance: sum.irradiance / weight,

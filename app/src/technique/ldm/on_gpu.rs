@@ -105,6 +105,14 @@ fn find_light(
 ) -> Result<()> {
     let splatted =
         technique.ldm_deposit != Some(DepositChoice::Gathered) && order.wants(is_bounced);
+    ensure!(
+        technique.ldm_splat.is_none() || splatted,
+        "--ldm-splat is for light that is splatted: leave it out, or leave out --ldm-deposit gathered"
+    );
+    ensure!(
+        !splatted || technique.ldm_bounces == 1,
+        "photons that are splatted bounce once: add --ldm-deposit gathered, or leave out --ldm-bounces"
+    );
     let mut lit = match splatted && !order.wants(is_direct) {
         true => Lit::default(),
         false => gather(technique, gpu, world, order, progress, found)?,

@@ -36,7 +36,7 @@ struct Sums {
     sky: [Lanes; 3],
 }
 
-/// The light of a point by some of the maps.
+/// The light of a point by some of the maps. Directions in which it could not be moved to a pixel (`room`) are in no sum.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Gathered {
     /// Σ cosθ B, W/m².
@@ -84,7 +84,7 @@ pub(super) fn gather(
     part: [u32; 2],
     params: &PhotonParams,
     progress: &dyn Progress,
-) -> (Vec<Gathered>, [Pass; 2]) {
+) -> (Vec<Gathered>, [Pass; 3]) {
     let gathering = Gathering {
         triangles,
         exact,
@@ -119,12 +119,15 @@ impl Gathering<'_> {
     fn by<M: Layers + Send + Sync>(
         &self,
         build: impl Fn(&mut Scratch, &View) -> M + Sync,
-    ) -> (Vec<Gathered>, [Pass; 2]) {
+    ) -> (Vec<Gathered>, [Pass; 3]) {
         let origin = self.triangles.origin;
         let blocks = PointBlock::pack(&self.points.points, origin);
         let mut sums = vec![Sums::default(); blocks.len()];
         let ways = self.ways(&blocks);
+        let start = Instant::now();
         let rooms = self.rooms(&ways);
+        let measuring = start.elapsed().as_secs_f64();
+        let short = 4 * u64::from(!self.shining.field.is_empty()) * self.points.len() as u64;
         let at_once = rayon::current_num_threads().clamp(MAPS[0], MAPS[1]);
         let (mut building, mut gathering, mut done) = (0.0, 0.0, 0);
         for some in ways.chunks(at_once) {
@@ -157,7 +160,11 @@ impl Gathering<'_> {
             self.progress.advance(done, ways.len() as u64);
         }
         let lookups = (self.points.len() * ways.len()) as u64;
-        let passes = [("maps", building, 0), ("gather", gathering, lookups)];
+        let passes = [
+            ("room", measuring, short),
+            ("maps", building, 0),
+            ("gather", gathering, lookups),
+        ];
         let passes = passes.map(|(name, seconds, rays)| Pass {
             name,
             rays,

@@ -94,6 +94,7 @@ impl Shining {
         let landed = landed.as_ref().map(upload).transpose()?;
         // Whether there is anything is all that is asked of the maps where no surface shines.
         let kept = match field {
+            // Summed up: there is no other way to fall back to, and looking takes longer than building here.
             Some(_) => Kept::Layers(BuildMethod::Linearised),
             None => Kept::Extents,
         };
@@ -193,6 +194,11 @@ impl Shining {
             views: groups.iter().flat_map(view).collect(),
             radiances: vec![[Vec4::ZERO; 2]; groups.len()],
         }
+    }
+
+    /// Whether surfaces shine, for which points need room.
+    pub(super) fn measures_room(&self) -> bool {
+        self.field.is_some()
     }
 
     /// Records that the room of points is measured, where surfaces shine.

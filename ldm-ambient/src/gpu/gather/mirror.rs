@@ -20,7 +20,9 @@ use super::{
 use crate::{PhotonParams, Result};
 
 /// Rays that are answered together at most, unless they are of one sample.
-const RAYS: u64 = 1 << 21;
+const RAYS: u64 = 1 << 20;
+/// Samples that are answered together at most.
+const SAMPLES: u64 = 64;
 /// Bytes of a ray as a point that maps are asked for, and of what it brings.
 const RAY: u64 = 48;
 const MIRRORED: u64 = 32;
@@ -79,7 +81,7 @@ impl Mirror {
         let bound = limits
             .max_storage_buffer_binding_size
             .min(limits.max_buffer_size);
-        let most = (RAYS.min(bound / RAY) / pixels.max(1)).max(1);
+        let most = (RAYS.min(bound / RAY) / pixels.max(1)).clamp(1, SAMPLES);
         let directions = params.directions().into_iter();
         let directions: Vec<Vec4> = directions.map(|direction| direction.extend(0.0)).collect();
         Ok(Some(Self {

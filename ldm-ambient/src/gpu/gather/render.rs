@@ -30,7 +30,8 @@ impl Gather {
         let targets = LitTargets::new(context, self.picture.size)?;
         let encoder = || context.device().create_command_encoder(&Default::default());
         // More of them would ask no map.
-        let samples = samples.clamp(1, self.params.maps.maps * self.params.frames);
+        let maps = self.params.maps.maps.saturating_mul(self.params.frames);
+        let samples = samples.clamp(1, maps);
         let mut passes = Vec::new();
         let mut sample = 0;
         while sample < samples {
@@ -81,11 +82,14 @@ impl Gather {
         };
         points.tighten(context)?;
         let ways = shining.ways(context, points, [sample, samples]);
-        let mut clear = encoder();
-        clear.clear_buffer(&self.arriving, 0, None);
-        let on = (world.gpu_scene, world.exact);
-        shining.measure(context, &mut clear, on, (&ways, &*points), &self.arriving)?;
-        context.submit("light", clear)?;
+        Pass::timed(passes, "room", || {
+            let mut encoder = encoder();
+            encoder.clear_buffer(&self.arriving, 0, None);
+            let (on, about) = ((world.gpu_scene, world.exact), (&ways, &*points));
+            let measured = shining.measure(context, &mut encoder, on, about, &self.arriving);
+            let rays = u64::from(shining.measures_room()) * 4 * pixels;
+            (measured.and_then(|()| finish(context, encoder)), [rays, 0])
+        })?;
         let looks = shining.gather(context, &ways, points, &self.arriving)?;
         let rays = |maps: usize| maps as u64 * pixels;
         look(context, world.gpu_scene, &looks, rays, ("gather", passes))?;
