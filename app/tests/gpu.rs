@@ -318,6 +318,9 @@ fn the_technique_ldm_renders_the_same_picture() {
     let splatted = [
         "builtin:cornell",
         "--ldm-deposit=splatted",
+        "--ldm-spread=turned",
+        "--ldm-bounces=2",
+        "--ldm-branches=2",
         "--ldm-glossy=none",
     ];
     let gathered = [
@@ -370,6 +373,7 @@ fn the_technique_ldm_splats_in_both_ways() {
             "--ldm-maps=16",
             "--ldm-resolution=32",
             "--ldm-photons=8",
+            "--ldm-deposit=splatted",
             "--device=gpu",
             "--adapter",
             name,

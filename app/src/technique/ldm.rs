@@ -11,7 +11,7 @@ use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
 use isophote_ldm_ambient::{
-    Deposit, OcclusionParams, PhotonParams,
+    Deposit, OcclusionParams, PhotonParams, Spread,
     cpu::{
         Points, Triangles,
         hbao::{HbaoParams, hbao},
@@ -58,14 +58,16 @@ pub(crate) struct LdmTechnique {
                 halved until they are as small; four times --ldm-photons unless given, and as many as those for none"
     )]
     ldm_finest: Option<u32>,
+    /// Who finds whom: points the photons that light them, or photons the pixels that they light
+    #[arg(long, value_enum, value_name = "WAY", default_value = "gathered")]
+    ldm_deposit: DepositChoice,
     #[arg(
         long,
         value_enum,
         value_name = "WAY",
-        help = "Who finds whom: points the photons that light them, or photons the pixels that they light; gathered unless \
-                given, and splatted on GPUs"
+        help = "What splitting does to how photons that are splatted spread; parallel unless given"
     )]
-    ldm_deposit: Option<DepositChoice>,
+    ldm_spread: Option<SpreadChoice>,
     #[arg(
         long,
         value_enum,
@@ -82,14 +84,9 @@ pub(crate) struct LdmTechnique {
     /// How light comes straight from the lights; that of an environment comes by the maps
     #[arg(long, value_enum, value_name = "WAY", default_value = "rays")]
     ldm_direct: DirectChoice,
-    #[arg(
-        long,
-        value_enum,
-        value_name = "WAY",
-        help = "What metals reflect of surfaces: what the nearest of the maps' directions meets, or nothing; nearest unless \
-                given, and nothing on GPUs"
-    )]
-    ldm_glossy: Option<GlossyChoice>,
+    /// What metals reflect of surfaces
+    #[arg(long, value_enum, value_name = "WAY", default_value = "nearest")]
+    ldm_glossy: GlossyChoice,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -114,6 +111,14 @@ enum DepositChoice {
     Gathered,
     /// Every part of a photon is splatted where it lands, as in the paper
     Splatted,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum SpreadChoice {
+    /// Parts of neighbours run along the same map
+    Parallel,
+    /// Directional differentials turn as light does, as in the paper
+    Turned,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -354,12 +359,19 @@ impl LdmTechnique {
         Ok(skies.iter().map(mean).collect())
     }
 
-    fn deposit(&self) -> DepositChoice {
-        self.ldm_deposit.unwrap_or(DepositChoice::Gathered)
-    }
-
-    fn glossy(&self) -> GlossyChoice {
-        self.ldm_glossy.unwrap_or(GlossyChoice::Nearest)
+    /// Whether light that bounced is splatted.
+    fn is_splatted(&self, order: &Order<'_>) -> Result<bool> {
+        let splatted = self.ldm_deposit == DepositChoice::Splatted && order.wants(is_bounced);
+        for (flag, is_given) in [
+            ("--ldm-spread", self.ldm_spread.is_some()),
+            ("--ldm-splat", self.ldm_splat.is_some()),
+        ] {
+            ensure!(
+                splatted || !is_given,
+                "{flag} is for light that is splatted: leave it out, or add --ldm-deposit splatted"
+            );
+        }
+        Ok(splatted)
     }
 
     fn photons(&self, order: &Order<'_>, deposit: DepositChoice) -> PhotonParams {
@@ -372,6 +384,10 @@ impl LdmTechnique {
             deposit: match deposit {
                 DepositChoice::Gathered => Deposit::Gathered,
                 DepositChoice::Splatted => Deposit::Splatted,
+            },
+            spread: match self.ldm_spread {
+                Some(SpreadChoice::Turned) => Spread::Turned,
+                Some(SpreadChoice::Parallel) | None => Spread::Parallel,
             },
             flatness: match deposit {
                 DepositChoice::Gathered => fine.flatness,
@@ -396,6 +412,7 @@ impl LdmTechnique {
                 false => 0,
             },
             direct: order.wants(is_direct) && self.ldm_direct == DirectChoice::Photons,
+            spread: Spread::Parallel,
             ..self.photons(order, DepositChoice::Gathered)
         }
     }
@@ -408,11 +425,7 @@ impl LdmTechnique {
         progress: &dyn Progress,
         found: &mut Found,
     ) -> Result<()> {
-        let splatted = self.deposit() == DepositChoice::Splatted && order.wants(is_bounced);
-        ensure!(
-            !splatted || self.ldm_bounces == 1,
-            "--ldm-deposit splatted: photons that are splatted bounce once; leave out --ldm-bounces"
-        );
+        let splatted = self.is_splatted(order)?;
         let lighting = Lighting {
             technique: self,
             triangles,

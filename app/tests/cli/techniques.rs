@@ -151,15 +151,15 @@ fn the_technique_ldm_renders() {
             &[
                 "--technique=ldm",
                 "--quantity=indirect",
-                "--ldm-deposit=splatted",
-                "--ldm-bounces=2",
+                "--ldm-spread=turned",
             ],
-            "bounce once",
+            "--ldm-deposit splatted",
         ),
         (
             &[
                 "--technique=ldm",
                 "--quantity=indirect",
+                "--ldm-deposit=splatted",
                 "--ldm-splat=quads",
             ],
             "--device gpu",

@@ -279,9 +279,11 @@ impl Hybrid {
             if dispatches.peek().is_none() {
                 continue;
             }
+            let timer = timer.as_deref_mut();
+            let timestamp_writes = timer.and_then(|timer| timer.compute(name, encoder));
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some(name),
-                timestamp_writes: timer.as_deref_mut().and_then(|timer| timer.compute(name)),
+                timestamp_writes,
             });
             pass.set_bind_group(2, world.gpu_scene.bind_group(), &[]);
             pass.set_bind_group(3, self.rasters.bind_group(), &[]);
@@ -359,9 +361,10 @@ impl Hybrid {
         (name, pipeline, group): &(&'static str, wgpu::ComputePipeline, wgpu::BindGroup),
         timer: Option<&mut Timer>,
     ) {
+        let timestamp_writes = timer.and_then(|timer| timer.compute(name, encoder));
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(name),
-            timestamp_writes: timer.and_then(|timer| timer.compute(name)),
+            timestamp_writes,
         });
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, group, &[]);

@@ -29,7 +29,7 @@ use rayon::prelude::*;
 
 pub(crate) use self::screen::Screen;
 #[cfg(feature = "gpu")]
-pub(crate) use self::{emission::leave, field::PackedField};
+pub(crate) use self::{emission::leave, field::PackedField, views::Leaving};
 use self::{
     emission::{Photon, bounce, emit},
     field::Field,
@@ -297,9 +297,14 @@ fn emitted<T: Tracer + ?Sized>(
         let (first, power) = emit(scene, exact, params);
         lit.power = power;
         photons.push(first);
-        for bounces in 1..params.bounces {
-            let branches = (params.branches >> (bounces - 1)).max(1);
-            let next = bounce(scene, exact, &photons[photons.len() - 1], branches, params);
+        for directions in params.branches_of_bounces() {
+            let next = bounce(
+                scene,
+                exact,
+                &photons[photons.len() - 1],
+                &directions,
+                params,
+            );
             photons.push(next);
         }
         lit.photons[0] = photons.iter().map(|photons| photons.len() as u64).sum();

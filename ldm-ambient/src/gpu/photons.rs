@@ -31,7 +31,7 @@ use super::{
     maps::{Asked, Builder, Kept},
     triangles::Triangles,
 };
-use crate::{Deposit, Error, PhotonParams, Result, Spread};
+use crate::{Deposit, Error, PhotonParams, Result};
 
 /// Photons on a device, and what it takes to splat them.
 ///
@@ -64,8 +64,8 @@ impl Photons {
     /// For the selected part of a scene, a tracer that tells where photons land, and pictures of a size in pixels.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for parameters out of their range and for those that are not [`Deposit::Splatted`] and
-    /// [`Spread::Parallel`], or for [`SplatMethod::Quads`] where the device does not blend 32-bit floats, [`Error::Scene`] when
+    /// [`Error::Parameter`] for parameters out of their range and for those that are not [`Deposit::Splatted`] or
+    /// light directly, or for [`SplatMethod::Quads`] where the device does not blend 32-bit floats, [`Error::Scene`] when
     /// nothing is selected, the tracer does not answer [`Answers::Surface`], or something is too large for the device.
     pub fn new(
         context: &Context,
@@ -77,15 +77,11 @@ impl Photons {
         size: [u32; 2],
     ) -> Result<Self> {
         params.check()?;
-        if params.deposit != Deposit::Splatted || params.spread != Spread::Parallel || params.direct
-        {
+        if params.deposit != Deposit::Splatted || params.direct {
             return Err(Error::Parameter {
                 name: "the photons",
-                value: format!(
-                    "{:?}, {:?}, direct: {}",
-                    params.deposit, params.spread, params.direct
-                ),
-                expected: "on GPUs they are splatted, parallel, and light that bounced alone",
+                value: format!("{:?}, direct: {}", params.deposit, params.direct),
+                expected: "here they are splatted, and light that bounced alone: `gpu::gather` has the others",
             });
         }
         let answers = exact.answers();

@@ -154,9 +154,10 @@ impl ComputePass {
         groups: &[&BindGroup],
         dispatches: &[Dispatch],
     ) {
+        let timestamp_writes = timer.and_then(|timer| timer.compute(name, encoder));
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(name),
-            timestamp_writes: timer.and_then(|timer| timer.compute(name)),
+            timestamp_writes,
         });
         pass.set_pipeline(&self.pipeline);
         for (index, group) in (0..).zip(groups).skip(1) {

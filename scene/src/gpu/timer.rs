@@ -23,6 +23,8 @@ pub struct Timer {
     queries: Option<Queries>,
     names: Vec<String>,
     tells_between_passes: bool,
+    /// Whether a timestamp is taken when the next one is asked for.
+    is_late: bool,
 }
 
 #[derive(Debug)]
@@ -33,16 +35,17 @@ struct Queries {
 }
 
 impl Timer {
-    /// A timer for up to `passes` passes (2048 at most; further ones are not measured).
+    /// A timer for up to `passes` passes (2047 at most; further ones are not measured).
     pub fn new(context: &Context, passes: u32) -> Self {
         let device = context.device();
-        let passes = passes.min(wgpu::QUERY_SET_MAX_QUERIES / 2);
+        let passes = passes.min((wgpu::QUERY_SET_MAX_QUERIES - 1) / 2);
         let supported = device.features().contains(wgpu::Features::TIMESTAMP_QUERY) && passes > 0;
         let queries = supported.then(|| Queries {
             set: device.create_query_set(&wgpu::QuerySetDescriptor {
                 label: Some("timer"),
                 ty: wgpu::QueryType::Timestamp,
-                count: 2 * passes,
+                // One more to throw away.
+                count: 2 * passes + 1,
             }),
             resolved: device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("timer"),
@@ -52,28 +55,44 @@ impl Timer {
             }),
             passes,
         });
+        let tells_between_passes = device
+            .features()
+            .contains(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS);
+        let kind = device.adapter_info().device_type;
         Self {
             queries,
             names: Vec::new(),
-            tells_between_passes: device
-                .features()
-                .contains(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS),
+            tells_between_passes,
+            is_late: tells_between_passes && kind == wgpu::DeviceType::Cpu,
         }
     }
 
-    /// What a compute pass is to be begun with.
-    pub fn compute(&mut self, name: &str) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
-        let (query_set, first) = self.begin(name)?;
+    /// What the next compute pass of an encoder is to be begun with.
+    pub fn compute(
+        &mut self,
+        name: &str,
+        encoder: &mut wgpu::CommandEncoder,
+    ) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
+        let is_late = self.is_late;
+        let (query_set, first, spare) = self.begin(name)?;
+        // llvmpipe, once it has drawn anything, takes a timestamp with the next commands that it flushes, and dispatches at once: a
+        // pass would begin when it ends. Another timestamp before it flushes its own.
+        let beginning = if is_late {
+            encoder.write_timestamp(query_set, first);
+            spare
+        } else {
+            first
+        };
         Some(wgpu::ComputePassTimestampWrites {
             query_set,
-            beginning_of_pass_write_index: Some(first),
+            beginning_of_pass_write_index: Some(beginning),
             end_of_pass_write_index: Some(first + 1),
         })
     }
 
     /// What a render pass is to be begun with.
     pub fn render(&mut self, name: &str) -> Option<wgpu::RenderPassTimestampWrites<'_>> {
-        let (query_set, first) = self.begin(name)?;
+        let (query_set, first, _) = self.begin(name)?;
         Some(wgpu::RenderPassTimestampWrites {
             query_set,
             beginning_of_pass_write_index: Some(first),
@@ -89,27 +108,32 @@ impl Timer {
         encoder: &mut wgpu::CommandEncoder,
         record: impl FnOnce(&mut wgpu::CommandEncoder) -> T,
     ) -> T {
+        let is_late = self.is_late;
         let queries = match self.tells_between_passes {
             true => self.begin(name),
             false => None,
         };
-        let Some((query_set, first)) = queries else {
+        let Some((query_set, first, spare)) = queries else {
             return record(encoder);
         };
         encoder.write_timestamp(query_set, first);
+        if is_late {
+            encoder.write_timestamp(query_set, spare);
+        }
         let result = record(encoder);
         encoder.write_timestamp(query_set, first + 1);
         result
     }
 
-    fn begin(&mut self, name: &str) -> Option<(&wgpu::QuerySet, u32)> {
+    /// The queries, that of the beginning, which the end's follows, and that which is thrown away.
+    fn begin(&mut self, name: &str) -> Option<(&wgpu::QuerySet, u32, u32)> {
         let queries = self.queries.as_ref()?;
         let index = self.names.len() as u32;
         if index >= queries.passes {
             return None;
         }
         self.names.push(name.into());
-        Some((&queries.set, 2 * index))
+        Some((&queries.set, 2 * index, 2 * queries.passes))
     }
 
     /// Collects the timestamps, after the last measured pass.

@@ -77,7 +77,7 @@ impl Lighting<'_, '_> {
     /// All that is asked for; what is splatted is left out.
     pub(super) fn gather(&self, found: &mut Found) -> Result<Lit> {
         let (order, technique) = (self.order, self.technique);
-        let params = technique.gathered(order, technique.deposit() == DepositChoice::Gathered);
+        let params = technique.gathered(order, technique.ldm_deposit == DepositChoice::Gathered);
         let photons = Photons::emit(self.triangles, self.exact, &params)?;
         found.passes.extend_from_slice(photons.passes());
         let pixels = order.size[0] as usize * order.size[1] as usize;
@@ -110,7 +110,7 @@ impl Lighting<'_, '_> {
                     sum.irradiance += direct.irradiance;
                 }
             }
-            if technique.glossy() == GlossyChoice::Nearest {
+            if technique.ldm_glossy == GlossyChoice::Nearest {
                 rays.reflect(&points, &seen, order.settings.seed, sample);
             }
             if rays.towards.len() >= RAYS || sample + 1 == samples {

@@ -22,7 +22,7 @@ use isophote_scene::{
 
 use super::{
     DepositChoice, Found, GlossyChoice, LdmTechnique, OcclusionChoice, SplatChoice,
-    light::{Light, Lit, is_bounced, is_direct, is_irradiance},
+    light::{Light, Lit, is_direct, is_irradiance},
 };
 use crate::{
     gpu::Gpu,
@@ -103,16 +103,7 @@ fn find_light(
     progress: &dyn Progress,
     found: &mut Found,
 ) -> Result<()> {
-    let splatted =
-        technique.ldm_deposit != Some(DepositChoice::Gathered) && order.wants(is_bounced);
-    ensure!(
-        technique.ldm_splat.is_none() || splatted,
-        "--ldm-splat is for light that is splatted: leave it out, or leave out --ldm-deposit gathered"
-    );
-    ensure!(
-        !splatted || technique.ldm_bounces == 1,
-        "photons that are splatted bounce once: add --ldm-deposit gathered, or leave out --ldm-bounces"
-    );
+    let splatted = technique.is_splatted(order)?;
     let mut lit = match splatted && !order.wants(is_direct) {
         true => Lit::default(),
         false => gather(technique, gpu, world, order, progress, found)?,
@@ -145,15 +136,12 @@ fn gather(
     found: &mut Found,
 ) -> Result<Lit> {
     let (scene, selection, context) = (world.scene, order.selection, &gpu.context);
-    let params = technique.gathered(
-        order,
-        technique.ldm_deposit == Some(DepositChoice::Gathered),
-    );
+    let params = technique.gathered(order, technique.ldm_deposit == DepositChoice::Gathered);
     let picture = Picture {
         size: order.size,
         lights: order.wants(is_direct),
         irradiance: order.wants(is_irradiance),
-        mirrored: technique.ldm_glossy == Some(GlossyChoice::Nearest),
+        mirrored: technique.ldm_glossy == GlossyChoice::Nearest,
     };
     let (triangles, tree);
     let sent = match params.bounces > 0 || params.direct {

@@ -41,9 +41,9 @@ pub struct PhotonParams {
     pub finest: u32,
     /// Who finds whom.
     pub deposit: Deposit,
-    /// What splitting does to the differentials of parts that are splatted.
+    /// What splitting does to the differentials; those of photons that are gathered stay parallel.
     pub spread: Spread,
-    /// Diffuse reflections between the lights and what is lit; gathered unless 1. 0 to 16; with 0 there is light straight from the
+    /// Diffuse reflections between the lights and what is lit. 0 to 16; with 0 there is light straight from the
     /// environment, and from the lights if [`direct`](Self::direct), alone.
     pub bounces: u32,
     /// Directions in which photons go on to the second reflection; a half of them to the third, and so on. 1 to 1024.
@@ -118,11 +118,11 @@ impl PhotonParams {
                 "it must be 0 to 16",
             ));
         }
-        if self.bounces != 1 && self.deposit == Deposit::Splatted {
+        if self.spread == Spread::Turned && self.deposit == Deposit::Gathered {
             return Err(Error::parameter(
-                "the number of bounces",
-                self.bounces,
-                "photons that are splatted bounce once",
+                "how photons spread",
+                "turned",
+                "photons that are gathered spread in parallel",
             ));
         }
         if !(1..=1 << 10).contains(&self.branches) {
@@ -149,6 +149,13 @@ impl PhotonParams {
         (0..self.frames)
             .flat_map(|frame| directions.turned(self.seed, frame).vectors().to_vec())
             .collect()
+    }
+
+    /// The directions in which photons leave again after their first landing, after the second, and so on.
+    pub(crate) fn branches_of_bounces(&self) -> Vec<Vec<Vec3>> {
+        let directions = Directions::new(self.maps.maps);
+        let subset = |bounce: u32| directions.subset((self.branches >> bounce).max(1));
+        (0..self.bounces.saturating_sub(1)).map(subset).collect()
     }
 
     /// As many photons as it takes that kernels of gathered ones overlap. Those of a raster's pixels are flat together where

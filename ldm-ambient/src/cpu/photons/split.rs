@@ -11,7 +11,7 @@ use isophote_scene::{Pass, reference::Progress};
 use rayon::prelude::*;
 
 use super::{
-    PhotonParams, Spread,
+    PhotonParams,
     emission::Photon,
     footprint::Footprint,
     screen::Screen,
@@ -160,10 +160,7 @@ impl<'a> Split<'a> {
         pixel: f32,
     ) -> Option<Splat> {
         let start = photon.point.position;
-        let differential = match self.params.spread {
-            Spread::Parallel => photon.differential.parallel(),
-            Spread::Turned => photon.differential.reflect(photon.direction, direction),
-        };
+        let differential = photon.spread(direction, self.params);
         let at = self.screen.project(start + t * direction)?;
         let across = differential
             .transfer(direction, t, -direction)

@@ -1,4 +1,5 @@
-//! Stage 7, photons leave the lights and land, and maps are fitted around where they do. Twin of `cpu/photons/emission.rs`.
+//! Stage 7, photons leave the lights and land, leave where they did as often as light bounces, and maps are fitted around where
+//! all of them landed. Twin of `cpu/photons/emission.rs`.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec3, Vec4};
@@ -10,16 +11,18 @@ use isophote_scene::{
 use wgpu::{Buffer, BufferUsages};
 
 use crate::{
-    PhotonParams, Result,
+    PhotonParams, Result, Spread,
     cpu::{
-        photons::leave,
+        photons::{Leaving, leave},
         view::{View, longest_axis},
     },
     gpu::{finish, fit, grid, linker, triangles::Triangles},
 };
 
-/// Bytes of a photon as a point, and of what it brings.
-const RECORD: u64 = 48;
+/// Bytes of a photon as a point, of what it brings (shaders/photons/photon.wesl), and of one that leaves.
+const POINT: u64 = 48;
+const PHOTON: u64 = 96;
+const LEAVING: u64 = 112;
 /// Photons around which maps are fitted together.
 const BOX: usize = 64;
 
@@ -29,23 +32,43 @@ const BOX: usize = 64;
 struct Emission {
     origin: Vec3,
     count: u32,
+    first: u32,
     flat_normals: u32,
     pbr: u32,
-    padding: [u32; 2],
+    turned: u32,
+}
+
+/// `Bouncing` of photons/bounce.wesl, filled up to 32 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct Bouncing {
+    origin: Vec3,
+    first: u32,
+    count: u32,
+    padding: [u32; 3],
+}
+
+/// Places of the photons of one bounce among all.
+struct Bounce {
+    first: u32,
+    count: u32,
 }
 
 /// Photons where they landed, and what sends them.
 #[derive(Debug)]
 pub(super) struct Landed {
     emission: ComputePass,
+    bounce: ComputePass,
     weigh: ComputePass,
     directions: Vec<Vec3>,
+    /// Of them those in which photons leave again, after each bounce.
+    branches: Vec<Vec<Vec3>>,
     /// Along the directions, around where photons landed.
     pub(super) views: Vec<View>,
     /// Photons as points that maps are asked for, and what they bring.
     pub(super) points: Buffer,
     pub(super) photons: Buffer,
-    /// Photons that left the lights.
+    /// Photons of all bounces, those that met nothing among them.
     pub(super) count: u32,
 }
 
@@ -61,14 +84,17 @@ impl Landed {
             .tracer(exact)
             .link("ldm_ambient::photons::emission")?;
         let groups = [exact.bind_group_layout(), gpu_scene.bind_group_layout()];
+        let bounce = linker().link("ldm_ambient::photons::bounce")?;
         let weigh = linker().link("ldm_ambient::photons::weigh")?;
         Ok(Self {
             emission: emission.compute_pass(context, "emit", &groups, &[])?,
+            bounce: bounce.compute_pass(context, "bounce", &[], &[])?,
             weigh: weigh.compute_pass(context, "weigh", &[], &[])?,
             directions: params.directions(),
+            branches: params.branches_of_bounces(),
             views: Vec::new(),
-            points: context.storage("photons as points", RECORD)?,
-            photons: context.storage("photons", RECORD)?,
+            points: context.storage("photons as points", POINT)?,
+            photons: context.storage("photons", PHOTON)?,
             count: 0,
         })
     }
@@ -81,58 +107,129 @@ impl Landed {
         (gpu_scene, exact): (&GpuScene, &dyn GpuTracer),
         params: &PhotonParams,
     ) -> Result<()> {
-        let leaving = leave(scene, params);
-        self.count = leaving.len() as u32;
-        let count = u64::from(self.count);
-        let words: Vec<[Vec4; 7]> = leaving
-            .iter()
-            .map(|photon| {
-                let [x, y] = photon.differential.position;
-                let [dx, dy] = photon.differential.direction;
-                let ray = &photon.ray;
-                [ray.origin, ray.direction, photon.flux, x, y, dx, dy].map(|v| v.extend(0.0))
-            })
-            .collect();
-        context.check_storage_size("photons", size_of_val(&words[..]) as u64)?;
-        let leaving = context.buffer("photons that leave", &words, BufferUsages::STORAGE)?;
-        self.points = context.storage("photons as points", RECORD * count)?;
-        self.photons = context.storage("photons", RECORD * count)?;
-        let emission = Emission {
-            origin: triangles.origin,
-            count: self.count,
-            flat_normals: u32::from(params.normals == Normals::Flat),
-            pbr: u32::from(params.materials == Materials::Pbr),
-            padding: [0; 2],
+        let sent = match params.bounces {
+            0 => Vec::new(),
+            _ => leave(scene, params),
         };
-        let emission = context.buffer("emission", &[emission], BufferUsages::UNIFORM)?;
-        let directions: Vec<Vec4> = self.directions.iter().map(|d| d.extend(0.0)).collect();
-        let directions = context.buffer("directions", &directions, BufferUsages::STORAGE)?;
-        let (points, photons) = (&self.points, &self.photons);
-        let emitted = [
-            (0, emission.as_entire_binding()),
-            (1, leaving.as_entire_binding()),
-            (2, points.as_entire_binding()),
-            (3, photons.as_entire_binding()),
-        ];
-        let weighed = [
-            (0, directions.as_entire_binding()),
-            (1, points.as_entire_binding()),
-            (2, photons.as_entire_binding()),
-        ];
-        let emitted = self.emission.bind(context, &emitted)?;
-        let weighed = self.weigh.bind(context, &weighed)?;
+        let bounces = self.make_room(context, sent.len(), params.bounces)?;
+        let mut leaving = upload(context, &sent)?;
         let mut encoder = context.device().create_command_encoder(&Default::default());
-        let dispatch = [Dispatch {
-            offset: None,
-            workgroups: grid(count.div_ceil(64)),
-        }];
-        let groups = [&emitted, exact.bind_group(), gpu_scene.bind_group()];
-        self.emission
-            .record(&mut encoder, "emission", None, &groups, &dispatch);
-        self.weigh
-            .record(&mut encoder, "weights", None, &[&weighed], &dispatch);
+        for (number, bounce) in bounces.iter().enumerate() {
+            let emission = Emission {
+                origin: triangles.origin,
+                count: bounce.count,
+                first: bounce.first,
+                flat_normals: u32::from(params.normals == Normals::Flat),
+                pbr: u32::from(params.materials == Materials::Pbr),
+                turned: u32::from(params.spread == Spread::Turned),
+            };
+            self.land(
+                context,
+                &mut encoder,
+                (gpu_scene, exact),
+                &leaving,
+                emission,
+            )?;
+            if let Some(next) = bounces.get(number + 1) {
+                let bouncing = Bouncing {
+                    origin: triangles.origin,
+                    first: bounce.first,
+                    count: bounce.count,
+                    padding: [0; 3],
+                };
+                let directions = &self.branches[number];
+                leaving = context.storage("photons that leave", LEAVING * u64::from(next.count))?;
+                self.leave_again(context, &mut encoder, (directions, &leaving), bouncing)?;
+            }
+        }
+        self.weigh(context, &mut encoder)?;
         finish(context, encoder)?;
         self.fit(context, triangles, params.maps.resolution)
+    }
+
+    /// The photons of every bounce, if so many leave the lights, for which it makes room.
+    fn make_room(&mut self, context: &Context, sent: usize, bounces: u32) -> Result<Vec<Bounce>> {
+        let mut found = Vec::new();
+        let (mut first, mut count) = (0_u64, sent as u64);
+        for number in 0..bounces as usize {
+            // What would be too many to be counted does not fit either.
+            let all = first.saturating_add(count);
+            context.check_storage_size("photons", all.saturating_mul(LEAVING))?;
+            found.push(Bounce {
+                first: first as u32,
+                count: count as u32,
+            });
+            first = all;
+            let branches = self.branches.get(number).map_or(0, Vec::len);
+            count = count.saturating_mul(branches as u64);
+        }
+        self.count = first as u32;
+        self.points = context.storage("photons as points", POINT * first)?;
+        self.photons = context.storage("photons", PHOTON * first)?;
+        Ok(found)
+    }
+
+    /// Records that photons that leave land.
+    fn land(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        (gpu_scene, exact): (&GpuScene, &dyn GpuTracer),
+        leaving: &Buffer,
+        emission: Emission,
+    ) -> Result<()> {
+        let told = context.buffer("emission", &[emission], BufferUsages::UNIFORM)?;
+        let bound = [
+            (0, told.as_entire_binding()),
+            (1, leaving.as_entire_binding()),
+            (2, self.points.as_entire_binding()),
+            (3, self.photons.as_entire_binding()),
+        ];
+        let bound = self.emission.bind(context, &bound)?;
+        let groups = [&bound, exact.bind_group(), gpu_scene.bind_group()];
+        let dispatch = [over(emission.count)];
+        self.emission
+            .record(encoder, "emission", None, &groups, &dispatch);
+        Ok(())
+    }
+
+    /// Records that photons that landed leave along directions.
+    fn leave_again(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        (directions, leaving): (&[Vec3], &Buffer),
+        bouncing: Bouncing,
+    ) -> Result<()> {
+        let told = context.buffer("bouncing", &[bouncing], BufferUsages::UNIFORM)?;
+        let along = as_storage(context, directions)?;
+        let bound = [
+            (0, told.as_entire_binding()),
+            (1, along.as_entire_binding()),
+            (2, self.points.as_entire_binding()),
+            (3, self.photons.as_entire_binding()),
+            (4, leaving.as_entire_binding()),
+        ];
+        let bound = self.bounce.bind(context, &bound)?;
+        let dispatch = [over(bouncing.count * directions.len() as u32)];
+        self.bounce
+            .record(encoder, "bounce", None, &[&bound], &dispatch);
+        Ok(())
+    }
+
+    /// Records by how much the cosines of photons are divided.
+    fn weigh(&self, context: &Context, encoder: &mut wgpu::CommandEncoder) -> Result<()> {
+        let along = as_storage(context, &self.directions)?;
+        let bound = [
+            (0, along.as_entire_binding()),
+            (1, self.points.as_entire_binding()),
+            (2, self.photons.as_entire_binding()),
+        ];
+        let bound = self.weigh.bind(context, &bound)?;
+        let dispatch = [over(self.count)];
+        self.weigh
+            .record(encoder, "weights", None, &[&bound], &dispatch);
+        Ok(())
     }
 
     /// Fits maps around photons that landed.
@@ -157,5 +254,34 @@ impl Landed {
             ),
         };
         Ok(())
+    }
+}
+
+/// Photons that leave the lights.
+fn upload(context: &Context, sent: &[Leaving]) -> Result<Buffer> {
+    let words: Vec<[Vec4; 7]> = sent
+        .iter()
+        .map(|photon| {
+            let [x, y] = photon.differential.position;
+            let [dx, dy] = photon.differential.direction;
+            let more = [photon.ray.direction, photon.flux, x, y, dx, dy];
+            let [direction, flux, x, y, dx, dy] = more.map(|vector| vector.extend(0.0));
+            let start = photon.ray.origin.extend(1.0);
+            [start, direction, flux, x, y, dx, dy]
+        })
+        .collect();
+    Ok(context.buffer("photons that leave", &words, BufferUsages::STORAGE)?)
+}
+
+fn as_storage(context: &Context, directions: &[Vec3]) -> Result<Buffer> {
+    let words: Vec<Vec4> = directions.iter().map(|d| d.extend(0.0)).collect();
+    Ok(context.buffer("directions", &words, BufferUsages::STORAGE)?)
+}
+
+/// One invocation for each of so many, in workgroups of 64.
+fn over(count: u32) -> Dispatch {
+    Dispatch {
+        offset: None,
+        workgroups: grid(u64::from(count.div_ceil(64))),
     }
 }

@@ -40,6 +40,7 @@ pub(super) fn measure(lab: &Lab) -> Measured {
                 size,
                 maps,
                 photons,
+                "--ldm-deposit=splatted",
                 &format!("--ldm-splat={method}"),
                 &format!("--ldm-splat-size={width}"),
             ];
