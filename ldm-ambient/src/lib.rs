@@ -50,7 +50,7 @@
 //! - Without `d_max` a map keeps the first and the last layer of each pixel: nothing else is asked for.
 //! - Several points of a pixel share the maps between them.
 //! - Parts of a photon that run along a map keep the footprint they had ([`Spread::Parallel`]); the paper's turned differentials
-//!   are [`Spread::Turned`].
+//!   are [`Spread::Turned`], for photons that are splatted.
 //! - Split photons share what is reflected by cosθ / Σ cosθ, so that no energy is lost between directions.
 //! - By default points gather ([`Deposit::Gathered`]): the sum over maps and photons is that of splatting, but the map decides
 //!   for each point which surface lights it, so nothing is smeared over edges and shadows of what receives.
@@ -65,8 +65,7 @@
 //! - Footprints are as wide as makes those of a raster flat together, twice their differentials ([`PhotonParams::splat_size`]); what
 //!   faces away from where a photon came from gets none of it.
 //! - Directions above the shading normal but below the surface count as hidden.
-//! - On GPUs photons that are splatted are parallel, bounce once and leave direct light to rays; those that are gathered have no such
-//!   limits.
+//! - On GPUs photons that are splatted leave direct light to rays; those that are gathered need not.
 //! - Splatting is tiled, without atomics that add (on GPUs the paper's quads can be chosen); the filter's third row reaches a share of the footprint's radius out of its plane.
 
 pub mod cpu;

@@ -1,6 +1,5 @@
 //! Passes are measured where they run, whatever ran before them.
 #![cfg(feature = "gpu")]
-#![expect(clippy::unwrap_used, reason = "tests may")]
 
 use std::time::Instant;
 
