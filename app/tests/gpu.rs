@@ -318,7 +318,6 @@ fn the_technique_ldm_renders_the_same_picture() {
     let splatted = [
         "builtin:cornell",
         "--ldm-deposit=splatted",
-        "--ldm-spread=turned",
         "--ldm-bounces=2",
         "--ldm-branches=2",
         "--ldm-glossy=none",
@@ -374,6 +373,7 @@ fn the_technique_ldm_splats_in_both_ways() {
             "--ldm-resolution=32",
             "--ldm-photons=8",
             "--ldm-deposit=splatted",
+            "--ldm-spread=turned",
             "--device=gpu",
             "--adapter",
             name,

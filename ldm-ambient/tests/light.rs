@@ -5,8 +5,8 @@ use std::{f32::consts::PI, sync::Arc};
 
 use glam::Vec3;
 use isophote_ldm_ambient::{
-    Deposit, Error, MapParams, PhotonParams, Photons,
-    cpu::{Points, Triangles},
+    Deposit, MapParams, PhotonParams, Photons, Spread,
+    cpu::{Points, Triangles, photons::light},
 };
 use isophote_scene::{
     BuildTracer, BvhOptions, BvhTracer, Environment, EnvironmentMap, GBuffer, Light, Receivers,
@@ -284,13 +284,47 @@ fn an_open_square_has_the_whole_sky() {
 }
 
 #[test]
-fn photons_that_are_splatted_bounce_once() {
-    for bounces in [0, 2] {
-        let wrong = PhotonParams {
-            deposit: Deposit::Splatted,
-            bounces,
+fn photons_that_are_gathered_are_not_turned() {
+    for deposit in [Deposit::Splatted, Deposit::Gathered] {
+        let params = PhotonParams {
+            deposit,
+            spread: Spread::Turned,
             ..params(16)
         };
-        assert!(matches!(wrong.check(), Err(Error::Parameter { .. })));
+        assert_eq!(params.check().is_ok(), deposit == Deposit::Splatted);
+    }
+}
+
+/// Light that bounces more often is nearly as much as where points gather it.
+#[test]
+fn photons_that_are_splatted_bounce_as_often_as_they_shall() {
+    let scene = Arc::new(builtin::build("cornell").unwrap());
+    let exact = exact(&scene);
+    let triangles = Triangles::new(&scene, &scene.transforms(), &Selection::default()).unwrap();
+    let camera = &scene.cameras[0];
+    let seen = GBuffer::see(&scene, &exact, camera, [32, 24], Materials::Lambert);
+    let mean = |deposit, flatness, bounces| {
+        let params = PhotonParams {
+            deposit,
+            flatness,
+            bounces,
+            branches: 4,
+            materials: Materials::Lambert,
+            ..params(64)
+        };
+        let lit = light(&triangles, &exact, camera, &seen, &params, &|_, _| {}).unwrap();
+        lit.indirect
+            .iter()
+            .map(|light| light.element_sum())
+            .sum::<f32>()
+    };
+    let of = |deposit, flatness| [0, 1, 2, 3].map(|bounces| mean(deposit, flatness, bounces));
+    let splatted = of(Deposit::Splatted, 3.0);
+    let gathered = of(Deposit::Gathered, PhotonParams::default().flatness);
+    println!("{splatted:?} {gathered:?}");
+    assert_eq!(splatted[0], 0.0);
+    for bounces in 1..4 {
+        let ratio = splatted[bounces] / gathered[bounces];
+        assert!((ratio - 1.0).abs() < 0.08, "{bounces} bounces: {ratio}");
     }
 }

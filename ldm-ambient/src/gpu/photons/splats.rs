@@ -18,8 +18,9 @@ use self::{
 use super::super::{BuildMethod, grid, linker, maps::Batch};
 use crate::{PhotonParams, Result};
 
-/// Photons that are split together.
-const MANY: u32 = 1 << 15;
+/// Photons that are split together: with 16 maps 61,440 splats. More than 65,535 turns of all its loops llvmpipe denies an
+/// invocation, without a word, and one may add all splats up.
+const MANY: u32 = 3840;
 /// Bytes of a splat.
 const SPLAT: u64 = 32;
 
