@@ -89,11 +89,14 @@ fn of_reach(metrics: &mut Metrics, name: &str, scene: &Arc<Scene>, exact: &BvhTr
         directions: 4,
         ..hbao::HbaoParams::default()
     };
+    let depths = d_max
+        .is_finite()
+        .then(|| hbao::Depths::see(scene, exact, camera, SIZE, &baseline).unwrap());
     for sample in 0..SAMPLES {
         let points = Points::from_camera(scene, exact, camera, SIZE, sample, Normals::Smooth);
         occlusion.add(&points, [sample, SAMPLES], &|_, _| {});
-        if d_max.is_finite() {
-            let skies = hbao::hbao(&points, camera, SIZE, sample, &baseline).unwrap();
+        if let Some(depths) = &depths {
+            let skies = hbao::hbao(&points, depths, sample, &baseline).unwrap();
             for (sum, sky) in screen.iter_mut().zip(skies) {
                 *sum += sky.ao / SAMPLES as f32;
             }

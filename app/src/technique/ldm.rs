@@ -14,7 +14,7 @@ use isophote_ldm_ambient::{
     Deposit, OcclusionParams, PhotonParams, Spread,
     cpu::{
         Points, Triangles,
-        hbao::{HbaoParams, hbao},
+        hbao::{Depths, HbaoParams, hbao},
         occlusion::{Occlusion, Sky},
         photons::light,
     },
@@ -152,6 +152,15 @@ struct Found {
 }
 
 impl LdmTechnique {
+    fn hbao(&self, order: &Order<'_>) -> HbaoParams {
+        HbaoParams {
+            d_max: order.settings.d_max,
+            // Points of a pixel share the directions.
+            directions: (HBAO_DIRECTIONS / self.ldm_samples).max(4),
+            ..HbaoParams::default()
+        }
+    }
+
     fn occlusion(&self, order: &Order<'_>) -> OcclusionParams {
         OcclusionParams {
             maps: order.maps,
@@ -326,25 +335,21 @@ impl LdmTechnique {
             "--ldm-occlusion hbao needs a finite --d-max: it knows nothing beyond the picture"
         );
         let (scene, normals) = (triangles.scene(), order.settings.normals);
-        let samples = self.ldm_samples;
-        let params = HbaoParams {
-            d_max: order.settings.d_max,
-            // Points of a pixel share the directions.
-            directions: (HBAO_DIRECTIONS / samples).max(4),
-            ..HbaoParams::default()
-        };
+        let (samples, params) = (self.ldm_samples, self.hbao(order));
+        let (camera, size) = (order.camera, order.size);
+        let depths = Pass::timed(&mut found.passes, "depths", || {
+            let depths = Depths::see(scene, exact, camera, size, &params);
+            let rays = depths.as_ref().map_or(0, Depths::len) as u64;
+            (depths, [rays, 0])
+        })?;
         let mut skies = Vec::new();
         for sample in 0..samples {
             let points = Pass::timed(&mut found.passes, "camera", || {
-                let (camera, size) = (order.camera, order.size);
                 let points = Points::from_camera(scene, exact, camera, size, sample, normals);
                 (points, [u64::from(size[0]) * u64::from(size[1]), 0])
             });
             let more = Pass::timed(&mut found.passes, "occlusion", || {
-                (
-                    hbao(&points, order.camera, order.size, sample, &params),
-                    [0, 0],
-                )
+                (hbao(&points, &depths, sample, &params), [0, 0])
             })?;
             skies.resize(more.len(), (0.0, 0.0));
             for (sum, sky) in skies.iter_mut().zip(more) {

@@ -13,7 +13,8 @@ use crate::paper::{
 
 const TEXT: &str = "512 maps; RMS and bias in grey levels. 'constant' is how many times worse a picture of the reference's mean is: \
     below 5 an error shows nothing. References have 4096 rays a pixel. Maps and HBAO have 16 points a pixel; those of HBAO four \
-    directions each, of at most 32 steps.";
+    directions each, of at most 32 steps, over depths that are twice as fine as pixels and known a tenth of the height beyond the \
+    picture.";
 
 /// Metres.
 const REACHES: [&str; 7] = ["0.25", "0.5", "1", "1.5", "3", "6", "12"];
