@@ -17,7 +17,7 @@ use isophote_ldm_ambient::{
     },
     gpu::{
         BuildMethod, GBufferPoints, Look, Occlusion, Points, Targets,
-        photons::{Photons, SplatMethod},
+        photons::{Light, Photons, SplatMethod},
     },
 };
 use isophote_scene::{
@@ -125,6 +125,29 @@ impl Ground {
             }
         }
         panic!("there is never room");
+    }
+}
+
+impl Ground {
+    /// Twice the same.
+    fn splatted(&self, params: &PhotonParams, method: SplatMethod) -> Light {
+        let (context, all) = (&self.context, Selection::default());
+        let tracer = ComputeBvhTracer::build(context, &self.scene, &all, &()).unwrap();
+        let world = World {
+            scene: &self.scene,
+            gpu_scene: &self.gpu_scene,
+            exact: &tracer,
+            secondary: &tracer,
+        };
+        let on = (&*self.scene, &self.gpu_scene);
+        let made = Photons::new(context, on, &all, params, &tracer, method, SIZE);
+        let mut photons = made.unwrap();
+        let [found, again] = [0; 2].map(|_| {
+            let made = photons.render(context, world, &self.scene.cameras[0], &|_, _| {});
+            made.unwrap().0
+        });
+        assert_eq!(found, again, "{method:?}: no flicker");
+        found
     }
 }
 
@@ -379,25 +402,8 @@ fn photons_are_those_of_the_cpu() {
         let triangles = Triangles::new(scene, &scene.transforms(), &Selection::default()).unwrap();
         let seen = isophote_scene::GBuffer::see(scene, exact, camera, SIZE, params.materials);
         let expected = light(&triangles, exact, camera, &seen, &params, &|_, _| {}).unwrap();
-        let tracer = ComputeBvhTracer::build(&context, scene, &Selection::default(), &()).unwrap();
-        let world = World {
-            scene,
-            gpu_scene: &ground.gpu_scene,
-            exact: &tracer,
-            secondary: &tracer,
-        };
-        let on = (&**scene, &ground.gpu_scene);
-        let selection = Selection::default();
-        let [found, quads] = [SplatMethod::Tiled, SplatMethod::Quads].map(|method| {
-            let made = Photons::new(&context, on, &selection, &params, &tracer, method, SIZE);
-            let mut photons = made.unwrap();
-            let [found, again] = [0; 2].map(|_| {
-                let made = photons.render(&context, world, camera, &|_, _| {});
-                made.unwrap().0
-            });
-            assert_eq!(found, again, "{name}, {method:?}: no flicker");
-            found
-        });
+        let methods = [SplatMethod::Tiled, SplatMethod::Quads];
+        let [found, quads] = methods.map(|method| ground.splatted(&params, method));
         let error = off_light(&found.irradiance, &expected.indirect);
         let of_quads = off_light(&quads.irradiance, &found.irradiance);
         println!("{name}: relRMSE {error:.1e} of light; of quads beside tiles {of_quads:.1e}");
@@ -410,6 +416,38 @@ fn photons_are_those_of_the_cpu() {
         let expected = seen.pixels.iter().zip(&found.irradiance).map(sent);
         for (found, expected) in found.radiance.iter().zip(expected) {
             assert!((*found - expected).length() < 0.01 * (0.1 + expected.length()));
+        }
+    }
+}
+
+/// Without lights and without bounces there are no photons, and it is dark.
+#[test]
+fn no_photons_light_nothing() {
+    let Some(context) = Context::for_tests() else {
+        return;
+    };
+    let lit = builtin::build("builtin:cornell").unwrap();
+    let mut dark = lit.clone();
+    dark.lights.clear();
+    for material in &mut dark.materials {
+        material.emissive = Vec3::ZERO;
+    }
+    for (scene, bounces) in [(lit, 0), (dark.clone(), 1), (dark, 3)] {
+        let params = PhotonParams {
+            maps: params(1.0).maps,
+            raster: 8,
+            deposit: Deposit::Splatted,
+            bounces,
+            ..PhotonParams::default()
+        };
+        let ground = Ground::new(&context, scene);
+        for method in [SplatMethod::Tiled, SplatMethod::Quads] {
+            let found = ground.splatted(&params, method);
+            let light = found.irradiance.iter().chain(&found.radiance);
+            assert!(
+                light.copied().all(|light| light == Vec3::ZERO),
+                "{method:?}"
+            );
         }
     }
 }

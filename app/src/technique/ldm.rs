@@ -215,6 +215,7 @@ impl Technique for LdmTechnique {
         order: Order<'_>,
         progress: &dyn Progress,
     ) -> Result<Made> {
+        self.is_splatted(&order)?;
         #[cfg(feature = "gpu")]
         if let Some((gpu, exact)) = ground.on_gpu() {
             return on_gpu::render(self, scene, gpu, exact, &order, progress);
@@ -373,7 +374,7 @@ impl LdmTechnique {
         ] {
             ensure!(
                 splatted || !is_given,
-                "{flag} is for light that is splatted: leave it out, or add --ldm-deposit splatted"
+                "{flag} is for light that bounced and is splatted: leave it out, or add --ldm-deposit splatted and --quantity indirect"
             );
         }
         Ok(splatted)

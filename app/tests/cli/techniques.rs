@@ -156,6 +156,10 @@ fn the_technique_ldm_renders() {
             "--ldm-deposit splatted",
         ),
         (
+            &["--technique=ldm", "--quantity=ao", "--ldm-spread=parallel"],
+            "--quantity indirect",
+        ),
+        (
             &[
                 "--technique=ldm",
                 "--quantity=indirect",

@@ -291,7 +291,7 @@ impl Photons {
         let encoder = || context.device().create_command_encoder(&Default::default());
         let mut passes = Vec::new();
         let count = |emitted: &Result<()>, photons: &Self| match emitted {
-            Ok(()) => u64::from(photons.landed.count),
+            Ok(()) => u64::from(photons.landed.landed),
             Err(_) => 0,
         };
         Pass::timed(&mut passes, "emission", || {
@@ -315,7 +315,9 @@ impl Photons {
             context.submit("photons", begun)?;
             let before = passes.len();
             for batch in 0..self.batches() {
-                let mut timer = Timer::new(context, 32 + self.splats.passes());
+                // Stages are measured as a whole or not at all.
+                let stages = 32 + self.splats.passes();
+                let mut timer = Timer::new(context, if stages > Timer::MOST { 0 } else { stages });
                 let mut encoder = encoder();
                 let seen = (camera, &screen);
                 let scene = world.gpu_scene;

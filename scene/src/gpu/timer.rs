@@ -35,16 +35,19 @@ struct Queries {
 }
 
 impl Timer {
-    /// A timer for up to `passes` passes (2047 at most; further ones are not measured).
+    /// Passes that a timer measures at most.
+    pub const MOST: u32 = (wgpu::QUERY_SET_MAX_QUERIES - 1) / 2;
+
+    /// A timer for up to `passes` passes, [`MOST`](Self::MOST) at most; further ones are not measured.
     pub fn new(context: &Context, passes: u32) -> Self {
         let device = context.device();
-        let passes = passes.min((wgpu::QUERY_SET_MAX_QUERIES - 1) / 2);
+        let passes = passes.min(Self::MOST);
         let supported = device.features().contains(wgpu::Features::TIMESTAMP_QUERY) && passes > 0;
         let queries = supported.then(|| Queries {
             set: device.create_query_set(&wgpu::QuerySetDescriptor {
                 label: Some("timer"),
                 ty: wgpu::QueryType::Timestamp,
-                // One more to throw away.
+                // One more to throw away: the last, because wgpu resets what is between the two of a pass.
                 count: 2 * passes + 1,
             }),
             resolved: device.create_buffer(&wgpu::BufferDescriptor {

@@ -38,20 +38,13 @@ struct Emission {
     turned: u32,
 }
 
-/// `Bouncing` of photons/bounce.wesl, filled up to 32 bytes.
+/// Places of the photons of one bounce among all. `Bouncing` of photons/bounce.wesl, filled up to 16 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
-struct Bouncing {
-    origin: Vec3,
-    first: u32,
-    count: u32,
-    padding: [u32; 3],
-}
-
-/// Places of the photons of one bounce among all.
 struct Bounce {
     first: u32,
     count: u32,
+    padding: [u32; 2],
 }
 
 /// Photons where they landed, and what sends them.
@@ -70,6 +63,8 @@ pub(super) struct Landed {
     pub(super) photons: Buffer,
     /// Photons of all bounces, those that met nothing among them.
     pub(super) count: u32,
+    /// Those that landed.
+    pub(super) landed: u32,
 }
 
 impl Landed {
@@ -96,6 +91,7 @@ impl Landed {
             points: context.storage("photons as points", POINT)?,
             photons: context.storage("photons", PHOTON)?,
             count: 0,
+            landed: 0,
         })
     }
 
@@ -113,8 +109,9 @@ impl Landed {
         };
         let bounces = self.make_room(context, sent.len(), params.bounces)?;
         let mut leaving = upload(context, &sent)?;
-        let mut encoder = context.device().create_command_encoder(&Default::default());
+        let encoder = || context.device().create_command_encoder(&Default::default());
         for (number, bounce) in bounces.iter().enumerate() {
+            let mut encoder = encoder();
             let emission = Emission {
                 origin: triangles.origin,
                 count: bounce.count,
@@ -131,17 +128,13 @@ impl Landed {
                 emission,
             )?;
             if let Some(next) = bounces.get(number + 1) {
-                let bouncing = Bouncing {
-                    origin: triangles.origin,
-                    first: bounce.first,
-                    count: bounce.count,
-                    padding: [0; 3],
-                };
                 let directions = &self.branches[number];
                 leaving = context.storage("photons that leave", LEAVING * u64::from(next.count))?;
-                self.leave_again(context, &mut encoder, (directions, &leaving), bouncing)?;
+                self.leave_again(context, &mut encoder, (directions, &leaving), *bounce)?;
             }
+            finish(context, encoder)?;
         }
+        let mut encoder = encoder();
         self.weigh(context, &mut encoder)?;
         finish(context, encoder)?;
         self.fit(context, triangles, params.maps.resolution)
@@ -154,10 +147,13 @@ impl Landed {
         for number in 0..bounces as usize {
             // What would be too many to be counted does not fit either.
             let all = first.saturating_add(count);
-            context.check_storage_size("photons", all.saturating_mul(LEAVING))?;
+            let what = "photons of all bounces: fewer, or less branches";
+            context.check_storage_size(what, all.saturating_mul(PHOTON))?;
+            context.check_storage_size(what, count.saturating_mul(LEAVING))?;
             found.push(Bounce {
                 first: first as u32,
                 count: count as u32,
+                padding: [0; 2],
             });
             first = all;
             let branches = self.branches.get(number).map_or(0, Vec::len);
@@ -199,9 +195,9 @@ impl Landed {
         context: &Context,
         encoder: &mut wgpu::CommandEncoder,
         (directions, leaving): (&[Vec3], &Buffer),
-        bouncing: Bouncing,
+        bounce: Bounce,
     ) -> Result<()> {
-        let told = context.buffer("bouncing", &[bouncing], BufferUsages::UNIFORM)?;
+        let told = context.buffer("bouncing", &[bounce], BufferUsages::UNIFORM)?;
         let along = as_storage(context, directions)?;
         let bound = [
             (0, told.as_entire_binding()),
@@ -211,7 +207,7 @@ impl Landed {
             (4, leaving.as_entire_binding()),
         ];
         let bound = self.bounce.bind(context, &bound)?;
-        let dispatch = [over(bouncing.count * directions.len() as u32)];
+        let dispatch = [over(bounce.count * directions.len() as u32)];
         self.bounce
             .record(encoder, "bounce", None, &[&bound], &dispatch);
         Ok(())
@@ -238,6 +234,7 @@ impl Landed {
             context.read("photons as points", &self.points, self.count as usize)?;
         let landed = records.iter().filter(|record| record[0].w != 0.0);
         let landed: Vec<Vec3> = landed.map(|record| record[0].truncate()).collect();
+        self.landed = landed.len() as u32;
         let boxes = landed
             .chunks(BOX)
             .map(|some| Aabb::around(some.iter().copied()));

@@ -18,9 +18,11 @@ use self::{
 use super::super::{BuildMethod, grid, linker, maps::Batch};
 use crate::{PhotonParams, Result};
 
-/// Photons that are split together: with 16 maps 61,440 splats. More than 65,535 turns of all its loops llvmpipe denies an
-/// invocation, without a word, and one may add all splats up.
-const MANY: u32 = 3840;
+/// Photons that are split together.
+const MANY: u32 = 1 << 15;
+/// Splats that are listed together on software adapters: more than 65,535 turns of all its loops llvmpipe denies an invocation,
+/// without a word, and one may add all splats up.
+const FEW: u32 = 61_440;
 /// Bytes of a splat.
 const SPLAT: u64 = 32;
 
@@ -28,7 +30,8 @@ const SPLAT: u64 = 32;
 /// the same scene are equal bit by bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum SplatMethod {
-    /// By the tiles of the picture: prefix sums list for them what reaches them, and each pixel reads and writes its light once.
+    /// By the tiles of the picture: prefix sums list for them what reaches them, and each pixel reads and writes its light
+    /// once for some thousand photons.
     #[default]
     Tiled,
     /// The paper's (§4.2): each splat is an instance of a quad that additive blending adds, in the order in which they are drawn,
@@ -68,6 +71,8 @@ pub(super) struct Resources<'a> {
 pub(super) struct Splats {
     size: [u32; 2],
     maps: usize,
+    /// Photons that are split together.
+    many: u32,
     split: ComputePass,
     adder: Adder,
     /// Most layers and entries that were needed, and whether a layer was lost.
@@ -101,6 +106,10 @@ impl Splats {
         Ok(Self {
             size,
             maps,
+            many: match context.device().adapter_info().device_type {
+                wgpu::DeviceType::Cpu => FEW / maps as u32,
+                _ => MANY,
+            },
             split: split(context, BuildMethod::default())?,
             adder: match method {
                 SplatMethod::Tiled => Adder::Tiles(Box::new(Tiles::new(context, size)?)),
@@ -129,7 +138,7 @@ impl Splats {
     /// Makes room for the splats of so many photons.
     pub(super) fn reserve(&mut self, context: &Context, photons: u32) -> Result<()> {
         self.photons = photons;
-        let slots = u64::from(photons.min(MANY)) * self.maps as u64;
+        let slots = u64::from(photons.min(self.many)) * self.maps as u64;
         self.splats = context.storage("splats", SPLAT * slots)?;
         match &mut self.adder {
             Adder::Tiles(tiles) => tiles.reserve(context, slots),
@@ -152,7 +161,7 @@ impl Splats {
 
     /// Passes that a batch takes, at most.
     pub(super) fn passes(&self) -> u32 {
-        (1 + tiles::PASSES as u32) * self.photons.div_ceil(MANY)
+        (1 + tiles::PASSES as u32) * self.photons.div_ceil(self.many)
     }
 
     /// Records that there is no light yet.
@@ -172,7 +181,7 @@ impl Splats {
         (eye, origin): (Pinhole, Vec3),
         resources: Resources<'_>,
     ) -> Result<Vec<Groups>> {
-        let firsts = (0..self.photons).step_by(MANY as usize);
+        let firsts = (0..self.photons).step_by(self.many as usize);
         let group = |first: u32| {
             let splatting = Splatting {
                 right: eye.right,
@@ -184,7 +193,7 @@ impl Splats {
                 eye: eye.eye - origin,
                 first,
                 size: self.size,
-                count: (self.photons - first).min(MANY),
+                count: (self.photons - first).min(self.many),
                 lists: match &self.adder {
                     Adder::Tiles(tiles) => tiles.lists(),
                     Adder::Quads(_) => Lists::zeroed(),

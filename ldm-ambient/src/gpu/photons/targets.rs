@@ -12,7 +12,7 @@ use crate::{
 /// fourth number is 1.
 #[derive(Clone, Debug)]
 pub struct Targets {
-    /// Irradiance by light that bounced once, W/m².
+    /// Irradiance by light that bounced, W/m².
     pub irradiance: wgpu::Texture,
     /// The radiance of it that diffuse surfaces send to the camera, W/(sr·m²).
     pub radiance: wgpu::Texture,

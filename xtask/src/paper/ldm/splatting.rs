@@ -12,7 +12,7 @@ use crate::paper::{
 
 const TEXT: &str = "Light that bounced once, by photons that are splatted, and gathered instead. On GPUs splats are quads that additive \
     blending adds, as in the paper, or prefix sums list them for tiles; its stages are timed by the device's own clock. Splatting is \
-    listing and adding, its share that of all stages. Gathered pictures have the light of 16 points a pixel, splatted ones that of one.";
+    listing and adding; its share is of maps, splitting and splatting. Gathered pictures have the light of 16 points a pixel, splatted ones that of one.";
 
 /// Device, how photons light, by how much splats are wider than footprints.
 const CASES: [(&str, &str, &str); 8] = [
