@@ -292,6 +292,42 @@ fn the_technique_igi_renders_the_same_picture() {
     assert!(error("direct") < 5e-3 && error("indirect") > 0.0);
 }
 
+/// Horizons that a GPU follows over the depths it finds.
+#[test]
+fn the_technique_ldm_follows_the_same_horizons() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let Some(adapter) = adapters(at).into_iter().next() else {
+        return;
+    };
+    let name = adapter["name"].as_str().unwrap();
+    let render = [
+        "render",
+        "builtin:cornell",
+        "--technique=ldm",
+        "--ldm-occlusion=hbao",
+        "--quantity=ao,obscurance",
+        "--d-max=0.2",
+        "--size=40x30",
+        "--ldm-samples=4",
+        "--json",
+    ];
+    json(at, &[&render[..], &["-o", "cpu.exr"]].concat());
+    let chosen = ["--device=gpu", "--adapter", name, "-o", "gpu.exr"];
+    let on_gpu = json(at, &[&render[..], &chosen].concat());
+    let passes = on_gpu["passes"].as_array().unwrap();
+    assert!(
+        passes.iter().any(|pass| pass["name"] == "depths"),
+        "{on_gpu}"
+    );
+    for layer in ["ao", "obscurance"] {
+        let compare = ["compare", "gpu.exr", "cpu.exr", "--json", "--layer", layer];
+        let error = json(at, &compare)["grey_rms"].as_f64().unwrap();
+        println!("{layer}: {error} grey levels");
+        assert!(error < 0.5, "{layer}: {error} grey levels");
+    }
+}
+
 /// Layered depth maps that a GPU draws: light of a lamp and a sky, straight and bounced, splatted and gathered.
 #[test]
 fn the_technique_ldm_renders_the_same_picture() {

@@ -8,6 +8,7 @@
 //! | 4. maps | `cpu/{maps,reach}.rs` | `gpu/{maps,reach}.rs`, `shaders/{scan,sort,reach}.wesl` |
 //! | points | `cpu/points.rs` | `gpu/points.rs`, `shaders/points/*.wesl` |
 //! | 5., 6. tracing, occlusion | `cpu/{aim,occlusion}.rs` | `gpu/occlusion.rs`, `shaders/{aim,look_up,layers,resolve}.wesl` |
+//! | HBAO | `cpu/hbao.rs` | `gpu/hbao.rs`, `shaders/hbao/*.wesl` |
 //! | 9. light that points gather | `cpu/photons/{gather,field}.rs` | `gpu/gather.rs`, `shaders/gather/*.wesl` |
 //! | 7. to 9. photons that are splatted | `cpu/photons.rs` | `gpu/photons.rs`, `shaders/photons/*.wesl` |
 //!
@@ -18,6 +19,7 @@
 //! A shader here binds at most 8 storage buffers, those of the scene and the tracer among them.
 
 pub mod gather;
+pub mod hbao;
 mod maps;
 mod occlusion;
 pub mod photons;
@@ -60,6 +62,9 @@ pub const SHADERS: ShaderPackage = shader_package!(
         "gather/rooms",
         "gather/shade",
         "gather/surface",
+        "hbao/depths",
+        "hbao/eye",
+        "hbao/march",
         "layers",
         "look_up",
         "near",

@@ -31,7 +31,7 @@
 //! | §6, arbitrary light sources | `cpu/photons/emission.rs` |
 //! | §6, progressive rendering | [`OcclusionParams::frames`], [`PhotonParams::frames`], [`Directions::turned`] |
 //! | Fig. 3, point clouds | [`LdmTracer::point_cloud`] |
-//! | Fig. 8, HBAO | [`cpu::hbao`] |
+//! | Fig. 8, HBAO | [`cpu::hbao`], `gpu/hbao.rs` |
 //!
 //! # Differences from the paper
 //!

@@ -5,10 +5,12 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 use isophote_ldm_ambient::{
-    Deposit, Error, MapParams, OcclusionParams, PhotonParams, cpu,
+    Deposit, Error, MapParams, OcclusionParams, PhotonParams,
+    cpu::{self, hbao::HbaoParams},
     gpu::{
         BuildMethod, GBufferPoints, Look, Occlusion, Points, Targets,
         gather::{Gather, Picture},
+        hbao::Hbao,
         photons::{Photons, SplatMethod},
     },
 };
@@ -203,6 +205,51 @@ fn light_that_is_gathered_builds() {
         let seen = gather.see(&context, &mut encoder, on, look, &mut points, None);
         assert!(matches!(seen, Err(Error::Parameter { .. })));
     }
+}
+
+/// Horizons need no maps; what does not fit them is refused.
+#[test]
+fn horizons_build() {
+    let scene = Arc::new(builtin::build("builtin:cornell").unwrap());
+    let context = Context::noop();
+    let gpu_scene = GpuScene::new(&context, &scene).unwrap();
+    let make = |params: &HbaoParams, size| Hbao::new(&context, &gpu_scene, params, size);
+    let params = HbaoParams::default();
+    let mut hbao = make(&params, SIZE).unwrap();
+    let camera = &scene.cameras[0];
+    let (_, wide) = hbao.wider(camera);
+    assert_eq!((wide, hbao.places().count()), ([37, 24], 4));
+    // Depths, and what is summed up.
+    assert_eq!(hbao.bytes(), 8 * 4 * 37 * 24 + 32 * 33 * 20);
+    let mut encoder = context.device().create_command_encoder(&Default::default());
+    hbao.begin(&mut encoder);
+    let points = [SIZE, wide].map(|size| Points::new(&context, size).unwrap());
+    for (points, fits) in points.iter().zip([false, true]) {
+        let seen = hbao.see(&context, &mut encoder, camera, points, 3, None);
+        assert_eq!(seen.is_ok(), fits);
+        let added = hbao.add(&context, &mut encoder, camera, points, 1, None);
+        assert_eq!(added.is_ok(), !fits);
+    }
+    let targets = Targets::new(&context, SIZE).unwrap();
+    hbao.resolve(&context, &mut encoder, &targets).unwrap();
+    context.submit("hbao", encoder).unwrap();
+    // This device computes nothing, which is found out.
+    assert!(targets.read(&context).is_err());
+    for wrong in [
+        HbaoParams { finer: 9, ..params },
+        HbaoParams {
+            margin: f32::NAN,
+            ..params
+        },
+    ] {
+        let made = make(&wrong, SIZE).map(drop);
+        assert!(matches!(made, Err(Error::Parameter { .. })));
+    }
+    let made = make(&params, [8192, 8192]).map(drop);
+    assert!(matches!(
+        made,
+        Err(Error::Scene(SceneError::GpuLimit { .. }))
+    ));
 }
 
 #[test]

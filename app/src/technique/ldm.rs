@@ -1,6 +1,7 @@
 //! The technique `ldm`: occlusion and light by layered depth maps along fixed directions, by
 //! `isophote-ldm-ambient`.
 
+mod hbao;
 mod light;
 #[cfg(feature = "gpu")]
 mod on_gpu;
@@ -14,7 +15,6 @@ use isophote_ldm_ambient::{
     Deposit, OcclusionParams, PhotonParams, Spread,
     cpu::{
         Points, Triangles,
-        hbao::{Depths, HbaoParams, hbao},
         occlusion::{Occlusion, Sky},
         photons::light,
     },
@@ -140,9 +140,6 @@ enum OcclusionChoice {
 /// How far splats reach out of their planes: a receiving surface is rarely one plane.
 const SPLAT_FLATNESS: f32 = 3.0;
 
-/// Directions of a pixel in HBAO, of all its points; each has at least four.
-const HBAO_DIRECTIONS: u32 = 16;
-
 /// Values of the quantities, layers of their own, and what it took.
 #[derive(Default)]
 struct Found {
@@ -152,15 +149,6 @@ struct Found {
 }
 
 impl LdmTechnique {
-    fn hbao(&self, order: &Order<'_>) -> HbaoParams {
-        HbaoParams {
-            d_max: order.settings.d_max,
-            // Points of a pixel share the directions.
-            directions: (HBAO_DIRECTIONS / self.ldm_samples).max(4),
-            ..HbaoParams::default()
-        }
-    }
-
     fn occlusion(&self, order: &Order<'_>) -> OcclusionParams {
         OcclusionParams {
             maps: order.maps,
@@ -322,47 +310,6 @@ impl LdmTechnique {
             });
         }
         Ok(occlusion.skies())
-    }
-
-    fn by_hbao(
-        &self,
-        triangles: &Triangles<'_>,
-        exact: &dyn Tracer,
-        order: &Order<'_>,
-        found: &mut Found,
-    ) -> Result<Vec<Sky>> {
-        ensure!(
-            order.settings.d_max.is_finite(),
-            "--ldm-occlusion hbao needs a finite --d-max: it knows nothing beyond the picture"
-        );
-        let (scene, normals) = (triangles.scene(), order.settings.normals);
-        let (samples, params) = (self.ldm_samples, self.hbao(order));
-        let (camera, size) = (order.camera, order.size);
-        let depths = Pass::timed(&mut found.passes, "depths", || {
-            let depths = Depths::see(scene, exact, camera, size, &params);
-            let rays = depths.as_ref().map_or(0, Depths::len) as u64;
-            (depths, [rays, 0])
-        })?;
-        let mut skies = Vec::new();
-        for sample in 0..samples {
-            let points = Pass::timed(&mut found.passes, "camera", || {
-                let points = Points::from_camera(scene, exact, camera, size, sample, normals);
-                (points, [u64::from(size[0]) * u64::from(size[1]), 0])
-            });
-            let more = Pass::timed(&mut found.passes, "occlusion", || {
-                (hbao(&points, &depths, sample, &params), [0, 0])
-            })?;
-            skies.resize(more.len(), (0.0, 0.0));
-            for (sum, sky) in skies.iter_mut().zip(more) {
-                *sum = (sum.0 + sky.ao, sum.1 + sky.obscurance);
-            }
-        }
-        let mean = |(ao, obscurance): &(f32, f32)| Sky {
-            ao: ao / samples as f32,
-            obscurance: obscurance / samples as f32,
-            bent_normal: Vec3::ZERO,
-        };
-        Ok(skies.iter().map(mean).collect())
     }
 
     /// Whether light that bounced is splatted.

@@ -24,6 +24,8 @@ use isophote_scene::sample::radical_inverse;
 use rayon::prelude::*;
 
 pub use self::depths::Depths;
+#[cfg(feature = "gpu")]
+pub(crate) use self::depths::Eye;
 use super::{Point, Points, occlusion::Sky};
 use crate::{Error, Result};
 
@@ -88,6 +90,12 @@ impl HbaoParams {
     /// Pixels beyond each side of a picture.
     pub(crate) fn margin_of(&self, picture: [u32; 2]) -> u32 {
         (self.margin * picture[1] as f32).ceil() as u32
+    }
+
+    /// How many depths a picture needs, each way.
+    pub(crate) fn depths_of(&self, picture: [u32; 2]) -> [u32; 2] {
+        let margin = self.margin_of(picture);
+        picture.map(|side| self.finer * (side + 2 * margin))
     }
 }
 

@@ -27,7 +27,7 @@ use crate::{
 };
 
 /// Bytes of what is summed up for a point.
-const SUMS: u64 = 32;
+pub(super) const SUMS: u64 = 32;
 
 /// Textures that [`Occlusion::resolve`] fills: `Rgba32Float` with the usage `STORAGE_BINDING`, of the size of the picture.
 #[derive(Clone, Debug)]
@@ -52,7 +52,7 @@ pub struct Occlusion {
     triangles: Triangles,
     builder: Builder,
     look_up: ComputePass,
-    resolve: ComputePass,
+    resolve: Resolve,
     sums: wgpu::Buffer,
     /// Most layers that were needed, and whether any was lost.
     status: wgpu::Buffer,
@@ -68,6 +68,50 @@ struct Resolving {
     size: [u32; 2],
     weight: f32,
     padding: u32,
+}
+
+/// Writes sums to textures.
+#[derive(Debug)]
+pub(super) struct Resolve {
+    pass: ComputePass,
+}
+
+impl Resolve {
+    pub(super) fn new(context: &Context) -> Result<Self> {
+        let shader = linker().link("ldm_ambient::resolve")?;
+        let pass = shader.compute_pass(context, "resolve", &[], &[])?;
+        Ok(Self { pass })
+    }
+
+    /// Of points in a picture of a size, and with what a point weighs that is in every part.
+    pub(super) fn record(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        (size, weight): ([u32; 2], f32),
+        sums: &wgpu::Buffer,
+        targets: &Targets,
+    ) -> Result<()> {
+        let resolving = Resolving {
+            size,
+            weight,
+            padding: 0,
+        };
+        let resolving = context.buffer("resolving", &[resolving], BufferUsages::UNIFORM)?;
+        let view = |texture: &wgpu::Texture| texture.create_view(&Default::default());
+        let (occlusion, bent) = (view(&targets.occlusion), view(&targets.bent_normals));
+        let resources = [
+            (0, resolving.as_entire_binding()),
+            (1, sums.as_entire_binding()),
+            (2, wgpu::BindingResource::TextureView(&occlusion)),
+            (3, wgpu::BindingResource::TextureView(&bent)),
+        ];
+        let group = self.pass.bind(context, &resources)?;
+        let dispatch = [Dispatch::over_pixels(size)];
+        self.pass
+            .record(encoder, "resolve", None, &[&group], &dispatch);
+        Ok(())
+    }
 }
 
 impl Targets {
@@ -123,7 +167,6 @@ impl Occlusion {
         let (builder, look_up) = maps_of(context, gpu_scene, params, method)?;
         let filler = Filler::new(context)?;
         let count = u64::from(size[0]) * u64::from(size[1]);
-        let resolve = linker().link("ldm_ambient::resolve")?;
         Ok(Self {
             params: *params,
             size,
@@ -131,7 +174,7 @@ impl Occlusion {
             triangles: Triangles::new(context, scene, gpu_scene, selection, &filler)?,
             builder,
             look_up,
-            resolve: resolve.compute_pass(context, "resolve", &[], &[])?,
+            resolve: Resolve::new(context)?,
             sums: context.storage("sums of points", SUMS * count)?,
             status: context.storage("status", 8)?,
             filler,
@@ -173,14 +216,7 @@ impl Occlusion {
         [part, parts]: [u32; 2],
         mut timer: Option<&mut Timer>,
     ) -> Result<()> {
-        if points.size() != self.size {
-            let [width, height] = points.size();
-            return Err(crate::Error::Parameter {
-                name: "the picture of the points",
-                value: format!("{width}x{height} pixels"),
-                expected: "it must be of the size for which the occlusion was made",
-            });
-        }
+        points.require(self.size)?;
         let directions = self.directions.iter().skip(part as usize);
         let directions: Vec<Vec3> = directions.step_by(parts.max(1) as usize).copied().collect();
         // The mean cosine over a hemisphere is a half.
@@ -268,25 +304,9 @@ impl Occlusion {
         encoder: &mut wgpu::CommandEncoder,
         targets: &Targets,
     ) -> Result<()> {
-        let resolving = Resolving {
-            size: self.size,
-            weight: self.weight,
-            padding: 0,
-        };
-        let resolving = context.buffer("resolving", &[resolving], BufferUsages::UNIFORM)?;
-        let view = |texture: &wgpu::Texture| texture.create_view(&Default::default());
-        let (occlusion, bent) = (view(&targets.occlusion), view(&targets.bent_normals));
-        let resources = [
-            (0, resolving.as_entire_binding()),
-            (1, self.sums.as_entire_binding()),
-            (2, wgpu::BindingResource::TextureView(&occlusion)),
-            (3, wgpu::BindingResource::TextureView(&bent)),
-        ];
-        let group = self.resolve.bind(context, &resources)?;
-        let dispatch = [Dispatch::over_pixels(self.size)];
+        let weighed = (self.size, self.weight);
         self.resolve
-            .record(encoder, "resolve", None, &[&group], &dispatch);
-        Ok(())
+            .record(context, encoder, weighed, &self.sums, targets)
     }
 
     /// Whether there was room for all layers of what was submitted since the last [`begin`](Self::begin). Where there was

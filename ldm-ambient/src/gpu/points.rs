@@ -65,11 +65,28 @@ impl Points {
         (!bounds.is_empty()).then_some(bounds)
     }
 
+    /// Refuses points of a picture of another size.
+    pub(super) fn require(&self, size: [u32; 2]) -> Result<()> {
+        if self.size == size {
+            return Ok(());
+        }
+        let [width, height] = self.size;
+        Err(crate::Error::Parameter {
+            name: "the picture of the points",
+            value: format!("{width}x{height} pixels"),
+            expected: "it must be of the size for which the occlusion was made",
+        })
+    }
+
     /// Replaces the points by others, from the next submission on; those whose index is beyond the picture are left out.
     pub fn upload(&mut self, context: &Context, occlusion: &Occlusion, points: &cpu::Points) {
+        self.upload_about(context, occlusion.origin(), points);
+    }
+
+    /// The same, relative to any origin.
+    pub fn upload_about(&mut self, context: &Context, origin: Vec3, points: &cpu::Points) {
         let [width, height] = self.size.map(|side| side as usize);
         let mut words = vec![[[0.0_f32; 4]; 3]; width * height];
-        let origin = occlusion.origin();
         for (point, &index) in points.points.iter().zip(&points.indices) {
             if let Some(word) = words.get_mut(index as usize) {
                 *word = [
@@ -184,7 +201,10 @@ impl CameraPoints {
     }
 
     /// The same, relative to any origin.
-    pub(super) fn record_about(
+    ///
+    /// # Errors
+    /// [`Error::Scene`](crate::Error::Scene) when recording fails.
+    pub fn record_about(
         &self,
         context: &Context,
         encoder: &mut wgpu::CommandEncoder,
@@ -248,7 +268,24 @@ impl GBufferPoints {
         look: &Look<'_>,
         points: &mut Points,
     ) -> Result<()> {
-        let asking = points.look(occlusion.origin(), gpu_scene, look);
+        let origin = occlusion.origin();
+        self.record_about(context, encoder, origin, (gpu_scene, rasters), look, points)
+    }
+
+    /// The same, relative to any origin.
+    ///
+    /// # Errors
+    /// [`Error::Scene`](crate::Error::Scene) when recording fails.
+    pub fn record_about(
+        &self,
+        context: &Context,
+        encoder: &mut wgpu::CommandEncoder,
+        origin: Vec3,
+        (gpu_scene, rasters): (&GpuScene, &Rasters),
+        look: &Look<'_>,
+        points: &mut Points,
+    ) -> Result<()> {
+        let asking = points.look(origin, gpu_scene, look);
         let groups = [
             &self.filler.group,
             gpu_scene.bind_group(),

@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use isophote_ldm_ambient::{
-    cpu::{self, Triangles},
+    cpu::{self, Triangles, occlusion::Sky},
     gpu::{
         BuildMethod, Occlusion,
         gather::{Gather, Picture},
+        hbao::Hbao,
         photons::{self, Photons, SplatMethod},
     },
 };
@@ -68,10 +69,35 @@ fn find_occlusion(
     progress: &dyn Progress,
     found: &mut Found,
 ) -> Result<()> {
-    ensure!(
-        technique.ldm_occlusion == OcclusionChoice::Maps,
-        "--ldm-occlusion hbao runs on the CPU: leave out --device gpu and --adapter, and choose a tracer there"
-    );
+    let (skies, passes) = match technique.ldm_occlusion {
+        OcclusionChoice::Maps => by_maps(technique, gpu, world, order, progress)?,
+        OcclusionChoice::Hbao => by_hbao(technique, gpu, world, order, progress)?,
+    };
+    found.skies(&skies);
+    found.passes.extend(passes);
+    Ok(())
+}
+
+fn by_hbao(
+    technique: &LdmTechnique,
+    gpu: &Gpu,
+    world: World<'_>,
+    order: &Order<'_>,
+    progress: &dyn Progress,
+) -> Result<(Vec<Sky>, Vec<Pass>)> {
+    let (params, normals) = (technique.hbao(order)?, order.settings.normals);
+    let (context, samples) = (&gpu.context, technique.ldm_samples);
+    let mut hbao = Hbao::new(context, world.gpu_scene, &params, order.size)?;
+    Ok(hbao.render(context, world, order.camera, samples, normals, progress)?)
+}
+
+fn by_maps(
+    technique: &LdmTechnique,
+    gpu: &Gpu,
+    world: World<'_>,
+    order: &Order<'_>,
+    progress: &dyn Progress,
+) -> Result<(Vec<Sky>, Vec<Pass>)> {
     let (params, normals) = (technique.occlusion(order), order.settings.normals);
     let mut occlusion = Occlusion::new(
         &gpu.context,
@@ -82,17 +108,14 @@ fn find_occlusion(
         order.size,
     )?;
     let samples = technique.ldm_samples;
-    let (skies, passes) = occlusion.render(
+    Ok(occlusion.render(
         &gpu.context,
         world,
         order.camera,
         samples,
         normals,
         progress,
-    )?;
-    found.skies(&skies);
-    found.passes.extend(passes);
-    Ok(())
+    )?)
 }
 
 fn find_light(

@@ -130,7 +130,7 @@ impl Depths {
         params.check()?;
         let (eye, finer) = (Eye::new(camera, picture), params.finer as f32);
         let margin = params.margin_of(picture);
-        let size = picture.map(|side| params.finer * (side + 2 * margin));
+        let size = params.depths_of(picture);
         let see = |index: u32| {
             let corner = Vec2::new((index % size[0]) as f32, (index / size[0]) as f32);
             let at = (corner + 0.5) / finer - margin as f32;
