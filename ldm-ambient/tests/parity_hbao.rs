@@ -25,10 +25,8 @@ use isophote_scene::{
 
 const SIZE: [u32; 2] = [48, 36];
 const SAMPLES: u32 = 4;
-/// How far two pictures may be apart, grey levels RMS: by a single pixel at an edge. All others are off by 0.003.
-const MOST: f32 = 0.35;
-/// The same where edges are parallel to rows: by eleven of 1728 pixels, a surface that just ends or goes on in one direction.
-const MOST_ALONG_ROWS: f32 = 1.4;
+/// How far two pictures may be apart, grey levels RMS; 0.015 was measured.
+const MOST: f32 = 0.05;
 
 /// A device and a scene on it.
 struct Ground {
@@ -92,7 +90,7 @@ impl Ground {
     }
 }
 
-fn check(name: &str, found: &[Sky], expected: &[Sky], most: f32) {
+fn check(name: &str, found: &[Sky], expected: &[Sky]) {
     for (what, value) in [
         ("ao", (|sky: &Sky| sky.ao) as fn(&Sky) -> f32),
         ("obscurance", |sky| sky.obscurance),
@@ -102,7 +100,7 @@ fn check(name: &str, found: &[Sky], expected: &[Sky], most: f32) {
         let off = 255.0 * (squares / expected.len() as f32).sqrt();
         let mean = expected.iter().map(value).sum::<f32>() / expected.len() as f32;
         println!("{name}, {what}: {off} grey levels of {}", 255.0 * mean);
-        assert!(off <= most && mean < 0.99, "{name}, {what}: {off}, {mean}");
+        assert!(off <= MOST && mean < 0.99, "{name}, {what}: {off}, {mean}");
     }
 }
 
@@ -127,14 +125,11 @@ fn horizons_are_those_of_the_cpu() {
             directions: 4,
             ..HbaoParams::default()
         };
-        for (kind, camera, most) in [
-            ("pinhole", camera, MOST),
-            ("parallel", &parallel, MOST_ALONG_ROWS),
-        ] {
+        for (kind, camera) in [("pinhole", camera), ("parallel", &parallel)] {
             let expected = ground.on_cpu(camera, &params, SAMPLES);
             let found = ground.on_gpu(camera, &params);
             let name = format!("{name} {d_max} m, {kind}");
-            check(&name, &found, &expected, most);
+            check(&name, &found, &expected);
         }
     }
 }
@@ -182,5 +177,5 @@ fn a_g_buffer_is_enough() {
     hbao.resolve(&context, &mut encoder, &targets).unwrap();
     context.submit("hbao", encoder).unwrap();
     let found = targets.read(&context).unwrap();
-    check("G-buffer", &found, &ground.on_cpu(camera, &params, 1), MOST);
+    check("G-buffer", &found, &ground.on_cpu(camera, &params, 1));
 }

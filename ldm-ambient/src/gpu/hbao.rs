@@ -6,7 +6,6 @@ use isophote_scene::{
     Camera, Pass, Projection,
     gpu::{ComputePass, Context, Dispatch, GpuScene, Timer, reference::World},
     reference::{Normals, Progress},
-    sample::radical_inverse,
 };
 use wgpu::BufferUsages;
 
@@ -18,7 +17,7 @@ use super::{
 use crate::{
     Result,
     cpu::{
-        hbao::{Eye, HbaoParams},
+        hbao::{Eye, HbaoParams, turn},
         occlusion::Sky,
     },
 };
@@ -202,7 +201,7 @@ impl Hbao {
     ) -> Result<()> {
         points.require(self.picture)?;
         let asking = Asking {
-            turn: radical_inverse(2, sample),
+            turn: turn(sample),
             ..self.asking(camera)
         };
         let asking = context.buffer("hbao", &[asking], BufferUsages::UNIFORM)?;
