@@ -123,7 +123,21 @@ impl PictureArgs {
     /// Flags that have no effect beside the others.
     pub(crate) fn idle(&self) -> Vec<Idle> {
         let mut idle = self.tracer_args.idle(self.tracer(), self.technique);
-        idle.extend(self.techniques.idle(self.technique));
+        idle.extend(self.techniques.idle(self.technique, &self.quantity));
+        let wants = |kind: fn(Quantity) -> bool| self.quantity.iter().copied().any(kind);
+        if !wants(Quantity::is_occlusion) {
+            idle.extend(Idle::all(["d_max"], "light comes from everywhere"));
+        }
+        if !wants(|quantity| !quantity.is_occlusion()) {
+            let of_light = ["min_d", "materials"];
+            idle.extend(Idle::all(of_light, "occlusion knows no light"));
+        }
+        if !wants(|quantity| matches!(quantity, Quantity::Path | Quantity::IrradiancePath)) {
+            idle.extend(Idle::all(
+                ["path_bounces"],
+                "only paths have a number of bounces",
+            ));
+        }
         idle
     }
 

@@ -56,8 +56,8 @@ pub(crate) trait Technique {
         &[]
     }
 
-    /// Flags that it does not know, and why.
-    fn idle(&self) -> Vec<Idle>;
+    /// Flags that it does not know or that change nothing of these quantities, and why.
+    fn idle(&self, quantities: &[Quantity]) -> Vec<Idle>;
 
     /// Its tracer unless another is given.
     fn tracer(&self) -> Option<AnyTracer> {
@@ -145,8 +145,8 @@ impl TechniqueArgs {
     }
 
     /// Flags without effect with a technique: those of the others, and those it does not know.
-    pub(crate) fn idle(&self, choice: TechniqueChoice) -> Vec<Idle> {
-        let mut idle = self.chosen(choice).idle();
+    pub(crate) fn idle(&self, choice: TechniqueChoice, quantities: &[Quantity]) -> Vec<Idle> {
+        let mut idle = self.chosen(choice).idle(quantities);
         let groups = [
             (TechniqueChoice::Ldi, ids::<ldi::LdiTechnique>()),
             (TechniqueChoice::Igi, ids::<igi::IgiTechnique>()),

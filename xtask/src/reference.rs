@@ -194,19 +194,13 @@ fn compare(
         name.quantity,
     ];
     render.extend([
-        "--materials",
-        name.materials,
-        "--size",
-        "320x240",
-        "--spp",
-        &spp,
-        "--quiet",
-        "--json",
-        "-o",
-        &ours,
+        "--size", "320x240", "--spp", &spp, "--quiet", "--json", "-o", &ours,
     ]);
     if let Some(d_max) = name.d_max {
         render.extend(["--d-max", d_max]);
+    }
+    if !["ao", "obscurance"].contains(&name.quantity) {
+        render.extend(["--materials", name.materials]);
     }
     let render = isophote.json(&render)?;
     let compare = isophote.json(&[

@@ -27,7 +27,7 @@ impl Technique for Field {
         ]
     }
 
-    fn idle(&self) -> Vec<Idle> {
+    fn idle(&self, _: &[Quantity]) -> Vec<Idle> {
         Vec::new()
     }
 

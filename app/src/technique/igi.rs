@@ -198,7 +198,7 @@ impl Technique for IgiTechnique {
         ]
     }
 
-    fn idle(&self) -> Vec<Idle> {
+    fn idle(&self, _: &[Quantity]) -> Vec<Idle> {
         let mut idle: Vec<Idle> = Idle::all(
             ["d_max", "normals", "path_bounces"],
             "the technique igi does not know it",

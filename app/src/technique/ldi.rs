@@ -119,7 +119,7 @@ impl Technique for LdiTechnique {
         &QUANTITIES
     }
 
-    fn idle(&self) -> Vec<Idle> {
+    fn idle(&self, _: &[Quantity]) -> Vec<Idle> {
         let of_reference = ["d_max", "min_d", "normals", "path_bounces"];
         let mut idle: Vec<Idle> =
             Idle::all(of_reference, "the technique ldi does not know it").collect();

@@ -24,7 +24,7 @@ use isophote_scene::{
     reference::{Layers, Progress, Quantity, Tracers},
 };
 
-use self::light::{Light, Lighting, Lit, is_bounced, is_direct};
+use self::light::{Light, Lighting, Lit, is_bounced, is_direct, is_irradiance};
 use super::Technique;
 use crate::{
     applies::Idle,
@@ -148,6 +148,19 @@ struct Found {
     passes: Vec<Pass>,
 }
 
+/// What some quantities need.
+struct Uses {
+    occlusion: bool,
+    direct: bool,
+    bounced: bool,
+    /// Light that bounced is splatted.
+    splatted: bool,
+    /// Points look for photons.
+    gathered: bool,
+    /// Metals look along the maps.
+    mirrored: bool,
+}
+
 impl LdmTechnique {
     fn occlusion(&self, order: &Order<'_>) -> OcclusionParams {
         OcclusionParams {
@@ -173,15 +186,67 @@ impl Technique for LdmTechnique {
         ]
     }
 
-    fn idle(&self) -> Vec<Idle> {
-        let mut idle: Vec<Idle> = Idle::all(
-            ["path_bounces", "min_d"],
-            "the technique ldm does not know it",
-        )
-        .collect();
-        let why = "the technique ldm counts maps: --ldm-maps";
-        idle.extend(Idle::all(["spp"], why));
-        idle
+    fn idle(&self, quantities: &[Quantity]) -> Vec<Idle> {
+        let Uses {
+            occlusion,
+            direct,
+            bounced,
+            splatted,
+            gathered,
+            mirrored,
+        } = self.uses(quantities);
+        let by_maps = occlusion && self.ldm_occlusion == OcclusionChoice::Maps;
+        let is_light = direct || bounced;
+        let splats = "it is for light that bounced and is splatted: --quantity indirect --ldm-deposit splatted";
+        let all: [(&[&str], bool, &str); 12] = [
+            (
+                &["path_bounces", "min_d"],
+                false,
+                "the technique ldm does not know it",
+            ),
+            (&["spp"], false, "the technique ldm counts maps: --ldm-maps"),
+            (
+                &["ldm_maps", "ldm_resolution", "ldm_tolerance", "ldm_frames"],
+                by_maps || is_light,
+                "HBAO has no maps",
+            ),
+            (
+                &["ldm_samples"],
+                occlusion || direct || !splatted,
+                "photons are splatted to one point of each pixel",
+            ),
+            (&["ldm_occlusion"], occlusion, "it is for ao and obscurance"),
+            (
+                &["ldm_photons", "ldm_splat_size"],
+                splatted || gathered,
+                "there are no photons: direct light is theirs with --ldm-direct photons",
+            ),
+            (
+                &["ldm_finest"],
+                gathered,
+                "it is for photons that are gathered",
+            ),
+            (
+                &["ldm_deposit", "ldm_bounces"],
+                bounced,
+                "it is for light that bounced",
+            ),
+            (&["ldm_spread", "ldm_splat"], splatted, splats),
+            (
+                &["ldm_branches"],
+                bounced && self.ldm_bounces > 1,
+                "it is for more than one of --ldm-bounces",
+            ),
+            (&["ldm_direct"], direct, "it is for direct light"),
+            (
+                &["ldm_glossy"],
+                mirrored,
+                "it is for the radiance of points that look along the maps",
+            ),
+        ];
+        let idle = all.into_iter().filter(|(_, has_effect, _)| !has_effect);
+        idle.flat_map(|(ids, _, why)| Idle::all(ids.iter().copied(), why))
+            .collect()
     }
 
     fn has_own_tracer(&self) -> bool {
@@ -203,7 +268,6 @@ impl Technique for LdmTechnique {
         order: Order<'_>,
         progress: &dyn Progress,
     ) -> Result<Made> {
-        self.is_splatted(&order)?;
         #[cfg(feature = "gpu")]
         if let Some((gpu, exact)) = ground.on_gpu() {
             return on_gpu::render(self, scene, gpu, exact, &order, progress);
@@ -312,19 +376,20 @@ impl LdmTechnique {
         Ok(occlusion.skies())
     }
 
-    /// Whether light that bounced is splatted.
-    fn is_splatted(&self, order: &Order<'_>) -> Result<bool> {
-        let splatted = self.ldm_deposit == DepositChoice::Splatted && order.wants(is_bounced);
-        for (flag, is_given) in [
-            ("--ldm-spread", self.ldm_spread.is_some()),
-            ("--ldm-splat", self.ldm_splat.is_some()),
-        ] {
-            ensure!(
-                splatted || !is_given,
-                "{flag} is for light that bounced and is splatted: leave it out, or add --ldm-deposit splatted and --quantity indirect"
-            );
+    fn uses(&self, quantities: &[Quantity]) -> Uses {
+        let wants = |kind: fn(Quantity) -> bool| quantities.iter().copied().any(kind);
+        let (direct, bounced) = (wants(is_direct), wants(is_bounced));
+        let splatted = bounced && self.ldm_deposit == DepositChoice::Splatted;
+        let of_lights = direct && self.ldm_direct == DirectChoice::Photons;
+        let is_radiance = |quantity: Quantity| !quantity.is_occlusion() && !is_irradiance(quantity);
+        Uses {
+            occlusion: wants(Quantity::is_occlusion),
+            direct,
+            bounced,
+            splatted,
+            gathered: (bounced && !splatted) || of_lights,
+            mirrored: wants(is_radiance) && (direct || !splatted),
         }
-        Ok(splatted)
     }
 
     fn photons(&self, order: &Order<'_>, deposit: DepositChoice) -> PhotonParams {
@@ -378,7 +443,7 @@ impl LdmTechnique {
         progress: &dyn Progress,
         found: &mut Found,
     ) -> Result<()> {
-        let splatted = self.is_splatted(order)?;
+        let splatted = self.uses(order.quantities).splatted;
         let lighting = Lighting {
             technique: self,
             triangles,

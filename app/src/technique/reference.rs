@@ -1,7 +1,10 @@
 //! The technique `reference`: the integrators that define the right answer.
 
 use anyhow::Result;
-use isophote_scene::{Scene, reference::Progress};
+use isophote_scene::{
+    Scene,
+    reference::{Progress, Quantity},
+};
 
 use super::Technique;
 use crate::{
@@ -13,7 +16,7 @@ use crate::{
 pub(super) struct Reference;
 
 impl Technique for Reference {
-    fn idle(&self) -> Vec<Idle> {
+    fn idle(&self, _: &[Quantity]) -> Vec<Idle> {
         Vec::new()
     }
 

@@ -24,7 +24,6 @@ fn comparisons_measure_and_gate() {
             spp,
             "--seed",
             seed,
-            "--d-max=0.3",
             "-o",
             name,
         ]);

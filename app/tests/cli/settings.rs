@@ -10,7 +10,8 @@ use crate::{Place, TRIANGLE, hybrid, quick};
 fn the_header_holds_all_settings_and_repeats_them() {
     let place = Place::new();
     let flags = [
-        "--quantity=direct",
+        "--quantity=direct,ao",
+        "--d-max=0.5",
         "--materials=lambert",
         "--normals=flat",
         "--seed=9",
@@ -29,8 +30,8 @@ fn the_header_holds_all_settings_and_repeats_them() {
         ("scene", "builtin:cornell"),
         ("technique", "reference"),
         ("tracer", "bvh"),
-        ("quantity", "direct"),
-        ("d-max", "inf"),
+        ("quantity", "direct,ao"),
+        ("d-max", "0.5"),
         ("materials", "lambert"),
         ("normals", "flat"),
         ("size", "12x8"),

@@ -170,6 +170,38 @@ fn the_technique_ldm_renders() {
         ),
         (&["--ldm-maps=4"], "--technique ldm"),
         (
+            &["--technique=ldm", "--quantity=ao", "--ldm-photons=8"],
+            "no photons",
+        ),
+        (
+            &["--technique=ldm", "--quantity=direct", "--ldm-bounces=2"],
+            "light that bounced",
+        ),
+        (
+            &["--technique=ldm", "--quantity=indirect", "--ldm-branches=4"],
+            "--ldm-bounces",
+        ),
+        (
+            &[
+                "--technique=ldm",
+                "--quantity=indirect",
+                "--ldm-deposit=splatted",
+                "--ldm-samples=4",
+            ],
+            "one point of each pixel",
+        ),
+        (
+            &[
+                "--technique=ldm",
+                "--quantity=indirect",
+                "--ldm-occlusion=hbao",
+            ],
+            "ao and obscurance",
+        ),
+        (&["--quantity=ao", "--materials=lambert"], "no light"),
+        (&["--quantity=direct", "--d-max=1"], "everywhere"),
+        (&["--quantity=direct,indirect", "--path-bounces=2"], "paths"),
+        (
             &["--technique=ldm", "--quantity=ao", "--ldm-occlusion=hbao"],
             "--d-max",
         ),

@@ -126,7 +126,7 @@ fn find_light(
     progress: &dyn Progress,
     found: &mut Found,
 ) -> Result<()> {
-    let splatted = technique.is_splatted(order)?;
+    let splatted = technique.uses(order.quantities).splatted;
     let mut lit = match splatted && !order.wants(is_direct) {
         true => Lit::default(),
         false => gather(technique, gpu, world, order, progress, found)?,
