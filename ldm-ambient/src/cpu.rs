@@ -11,7 +11,7 @@ mod maps;
 pub mod occlusion;
 mod packed;
 pub mod photons;
-mod points;
+pub(crate) mod points;
 mod raster;
 mod reach;
 mod room;

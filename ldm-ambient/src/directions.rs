@@ -214,20 +214,19 @@ impl Directions {
         let partition = Partition::new(2 * maps.max(1));
         let middle = partition.zones.len() / 2;
         let zones = partition.zones.iter().enumerate();
-        let kept = zones.flat_map(|(index, zone)| {
+        let kept = zones.map(|(index, zone)| {
             // Of a collar across the equator the second half are the antipodes of the first (Fig. 5).
             let across = partition.zones.len() % 2 == 1 && index == middle;
-            let count = match (index < middle, across) {
+            match (index < middle, across) {
                 (true, _) => zone.regions,
                 (false, true) => zone.regions / 2,
                 (false, false) => 0,
-            };
-            vec![index; count as usize]
+            }
         });
-        let kept = kept.count();
+        let kept: u32 = kept.sum();
         let vectors = partition
             .regions()
-            .take(kept)
+            .take(kept as usize)
             .map(|region| region.center().as_vec3().normalize())
             .collect();
         Self { vectors }
@@ -397,6 +396,25 @@ mod tests {
                 }
                 assert_eq!(directions.nearest(-2.0 * vector), index);
             }
+        }
+    }
+
+    /// No direction is farther from the nearest than is said, and some are nearly as far.
+    #[test]
+    fn nearest_directions_are_near() {
+        for maps in [1, 2, 5, 16, 100, 512] {
+            let directions = Directions::new(maps);
+            let bound = directions.largest_angle();
+            let angle = |index| {
+                let [u, v] = Sampler::new(2, 0, index).get_2d(0).to_array();
+                let vector = point((2.0 * f64::from(u) - 1.0).acos(), f64::from(v) * 2.0 * PI);
+                let vector = vector.as_vec3();
+                let nearest = directions.vectors()[directions.nearest(vector)];
+                nearest.dot(vector).abs().min(1.0).acos()
+            };
+            let farthest = (0..20_000).map(angle).fold(0.0, f32::max);
+            assert!(farthest <= bound + 1e-3, "{maps}: {farthest} of {bound}");
+            assert!(farthest > 0.7 * bound, "{maps}: {farthest} of {bound}");
         }
     }
 

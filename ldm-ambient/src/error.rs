@@ -18,12 +18,12 @@ pub enum Error {
         expected: &'static str,
     },
     /// Stored maps would take more memory than is allowed.
-    #[error("the maps would take more than the {limit} bytes that are allowed; {remedy}")]
+    #[error(
+        "the maps take more than the {limit} bytes that are allowed: take fewer maps or a lower resolution, or stream them"
+    )]
     TooLarge {
-        /// [`MapParams::max_bytes`](crate::MapParams::max_bytes), or what can be counted.
+        /// [`MapParams::max_bytes`](crate::MapParams::max_bytes).
         limit: u64,
-        /// What to do about it.
-        remedy: &'static str,
     },
     /// The scene, or a tracer of it.
     #[error(transparent)]

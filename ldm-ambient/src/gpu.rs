@@ -27,11 +27,10 @@ mod points;
 mod reach;
 mod triangles;
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use isophote_scene::{
     Aabb,
     gpu::{Context, Linker, ShaderPackage},
-    sample::radical_inverse,
     shader_package,
 };
 use wgpu::{TextureFormat, TextureUsages};
@@ -144,11 +143,6 @@ fn target(context: &Context, label: &str, [width, height]: [u32; 2]) -> Result<w
         })
     })?;
     Ok(texture)
-}
-
-/// Where a sample is in its pixel: the first in the middle, the next ones spread over it.
-fn place(sample: u32) -> Vec2 {
-    Vec2::from_array([2, 3].map(|base| (radical_inverse(base, sample) + 0.5).fract()))
 }
 
 fn finish(context: &Context, encoder: wgpu::CommandEncoder) -> Result<()> {

@@ -8,8 +8,10 @@
 //! 4. `cpu/maps.rs`: layered depth maps (§3): count, prefix sum, fill, sort; `cpu/reach.rs`: what of them nobody asks for.
 //! 5. [`cpu::trace`]: rays through maps (§3.1), stored or streamed.
 //! 6. [`cpu::occlusion`]: ambient occlusion, obscurance and bent normals (§3.3, §4.1).
-//! 7. [`cpu::photons`]: photon differentials leave the lights (§3.4, §4.2); points look along the maps for what lights them, or
-//!    photons are split along the maps and splatted ([`Deposit`]).
+//! 7. [`cpu::photons`], `cpu/photons/emission.rs`: photon differentials leave the lights and land (§3.4, §4.2).
+//! 8. `cpu/photons/split.rs`: those that are to be splatted are split along the maps ([`Deposit`]).
+//! 9. Their light arrives: they are splatted (`cpu/photons/splat.rs`), or points look along the maps for those that light them
+//!    (`cpu/photons/gather.rs`).
 //!
 //! [`cpu::hbao`] is the screen-space method that the paper compares with. The module `gpu` (feature `gpu`) is all stages as wgpu
 //! passes, with the device's rasteriser; photons that are gathered are sent on the CPU.
@@ -45,8 +47,8 @@
 //!   beside it are asked. The paper compares depths as they are, with a tolerance.
 //! - Points that gather light are moved only as far as four short rays along their planes found room (`cpu/room.rs`): beside a lit
 //!   ledge a pixel's line may begin inside it.
-//! - With `d_max` a map holds what is within the reach of the points that ask it, and in no order: who looks through all layers
-//!   of a pixel, eight points at a time, needs none.
+//! - With `d_max` a map holds what is within the reach of the points that ask it, and its layers are not sorted: eight points at a
+//!   time look through all layers of a pixel, whatever their order.
 //! - Without `d_max` a map keeps the first and the last layer of each pixel: nothing else is asked for.
 //! - Several points of a pixel share the maps between them.
 //! - Parts of a photon that run along a map keep the footprint they had ([`Spread::Parallel`]); the paper's turned differentials
@@ -62,8 +64,8 @@
 //! - Photons that are splatted land in the planes of what the camera sees, which the map's distance only chooses; those whose middle is hidden
 //!   or outside of the picture count where their footprint is not.
 //! - Photons leave a light's view as rays of a tracer; the paper draws the scene from the light.
-//! - Footprints are as wide as makes those of a raster flat together, twice their differentials ([`PhotonParams::splat_size`]); what
-//!   faces away from where a photon came from gets none of it.
+//! - Footprints are twice as wide as their differentials ([`PhotonParams::splat_size`]), so that a raster of them adds up to even
+//!   light; what faces away from where a photon came from gets none of it.
 //! - Directions above the shading normal but below the surface count as hidden.
 //! - On GPUs photons that are splatted leave direct light to rays; those that are gathered need not.
 //! - Splatting is tiled, without atomics that add (on GPUs the paper's quads can be chosen); the filter's third row reaches a share of the footprint's radius out of its plane.

@@ -34,6 +34,7 @@ pub struct OcclusionParams {
     /// How far occluders may be, metres; infinite for all of them.
     pub d_max: f32,
     /// Frames that are accumulated, each with its directions turned at random (§6); the first is not. 1 to 65536.
+    /// Times the number of maps at most 2²².
     pub frames: u32,
     /// Chooses the random rotations.
     pub seed: u64,
@@ -79,6 +80,26 @@ impl MapParams {
         }
         Ok(())
     }
+
+    /// Refuses numbers of frames that are out of their range, or have more directions than can be held.
+    pub(crate) fn check_frames(&self, frames: u32) -> Result<()> {
+        if !(1..=1 << 16).contains(&frames) {
+            return Err(Error::parameter(
+                "the number of frames",
+                frames,
+                "it must be 1 to 65536",
+            ));
+        }
+        let directions = u64::from(self.maps) * u64::from(frames);
+        if directions > 1 << 22 {
+            return Err(Error::parameter(
+                "the number of maps of all frames",
+                directions,
+                "it must be at most 4194304: take fewer maps or fewer frames",
+            ));
+        }
+        Ok(())
+    }
 }
 
 impl OcclusionParams {
@@ -91,13 +112,6 @@ impl OcclusionParams {
         if self.d_max.is_nan() || self.d_max <= 0.0 {
             return Err(Error::parameter("d_max", self.d_max, "it must be positive"));
         }
-        if !(1..=1 << 16).contains(&self.frames) {
-            return Err(Error::parameter(
-                "the number of frames",
-                self.frames,
-                "it must be 1 to 65536",
-            ));
-        }
-        Ok(())
+        self.maps.check_frames(self.frames)
     }
 }

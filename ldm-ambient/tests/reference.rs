@@ -208,7 +208,13 @@ fn baked_light_is_near_the_reference() {
     let (whole, _) = photons.light(&points, [0, 1], &|_, _| {});
     let light: Vec<Vec3> = whole.iter().map(Gathered::irradiance).collect();
     let (bias, error) = errors(&light, &truth);
-    assert!(bias.abs() < 0.09 && error < 1.0, "{bias} {error}");
+    let even = vec![truth.iter().sum::<Vec3>() / truth.len() as f32; truth.len()];
+    let (_, constant) = errors(&even, &truth);
+    // 8.8 % and 0.87, where a constant has 2.1: some vertices touch other things.
+    assert!(
+        bias.abs() < 0.09 && error < 0.43 * constant,
+        "{bias} {error} {constant}"
+    );
     // By parts that share the maps too.
     let halves = [0, 1].map(|part| photons.light(&points, [part, 2], &|_, _| {}).0);
     for ((a, b), whole) in halves[0].iter().zip(&halves[1]).zip(&whole) {

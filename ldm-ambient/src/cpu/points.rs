@@ -59,8 +59,8 @@ fn spread(bits: u32) -> u32 {
     (bits | bits << 2) & 0x0924_9249
 }
 
-/// Where in its pixel a point is: the first in the middle.
-pub(super) fn place_of(sample: u32) -> Vec2 {
+/// Where a sample is in its pixel: the first in the middle, the next ones spread over it.
+pub(crate) fn place_of_sample(sample: u32) -> Vec2 {
     Vec2::from_array([2, 3].map(|base| (radical_inverse(base, sample) + 0.5).fract()))
 }
 
@@ -134,7 +134,7 @@ impl Points {
         point: impl Fn(&Scene, &Hit, Vec3) -> (Point, R) + Sync,
     ) -> (Self, Vec<R>) {
         let [width, height] = size;
-        let place = place_of(sample);
+        let place = place_of_sample(sample);
         let see = |pixel: u32| {
             let corner = UVec2::new(pixel % width, pixel / width).as_vec2();
             let ray = camera.ray(corner + place, width, height);

@@ -3,7 +3,13 @@
 //!
 //! [`StreamedMaps`] draws a map when it is asked for and drops it; [`LdmTracer`] keeps all of them, packed.
 
-use std::sync::Arc;
+use std::{
+    f32::consts::FRAC_1_SQRT_2,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+};
 
 use glam::{Affine3A, Vec2, Vec3};
 use isophote_scene::{
@@ -109,6 +115,7 @@ pub struct LdmTracer {
     maps: Vec<PackedMap>,
     origin: Vec3,
     largest_pixel: f32,
+    largest_quantum: f32,
 }
 
 impl LdmTracer {
@@ -126,7 +133,7 @@ impl LdmTracer {
         });
         let directions = Directions::new(params.maps);
         let longest = longest_axis(&bounds);
-        let limit = params.max_bytes / u64::from(params.maps);
+        let held = AtomicU64::new(0);
         let draw = |scratch: &mut Scratch, &direction: &Vec3| {
             let view = View::fit(
                 direction,
@@ -136,20 +143,25 @@ impl LdmTracer {
                 params.resolution,
             );
             let map = PackedMap::new(&Map::build(&triangles, view, scratch));
-            match map {
-                Some(map) if map.bytes() as u64 <= limit => Ok(map),
-                _ => Err(Error::TooLarge {
-                    limit: params.max_bytes,
-                    remedy: "take fewer maps or a lower resolution, or stream them",
-                }),
+            let map = map.ok_or_else(|| {
+                let expected = "pixels next to each other have more than 65535 layers: take more pixels, or stream the maps";
+                Error::parameter("the resolution of the maps", params.resolution, expected)
+            })?;
+            let bytes = map.bytes() as u64;
+            if held.fetch_add(bytes, Ordering::Relaxed) + bytes > params.max_bytes {
+                let limit = params.max_bytes;
+                return Err(Error::TooLarge { limit });
             }
+            Ok(map)
         };
         let maps = directions
             .vectors()
             .par_iter()
             .map_init(Scratch::default, draw)
             .collect::<Result<Vec<_>>>()?;
-        let largest_pixel = maps.iter().map(|map| map.view.pixel).fold(0.0, f32::max);
+        let largest = |of: fn(&PackedMap) -> f32| maps.iter().map(of).fold(0.0, f32::max);
+        let (largest_pixel, largest_quantum) =
+            (largest(|map| map.view.pixel), largest(PackedMap::quantum));
         Ok(Self {
             scene: scene.clone(),
             selection: *selection,
@@ -158,6 +170,7 @@ impl LdmTracer {
             origin: triangles.origin,
             maps,
             largest_pixel,
+            largest_quantum,
         })
     }
 
@@ -196,8 +209,7 @@ impl Tracer for LdmTracer {
 
     /// For rays along a map's direction; of others only what the type's documentation says is known.
     fn tolerance(&self, _: Vec3) -> f32 {
-        let quantum = self.maps.iter().map(PackedMap::quantum).fold(0.0, f32::max);
-        (std::f32::consts::FRAC_1_SQRT_2 + self.params.tolerance) * self.largest_pixel + quantum
+        (FRAC_1_SQRT_2 + self.params.tolerance) * self.largest_pixel + self.largest_quantum
     }
 
     fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
@@ -267,10 +279,10 @@ fn into_scene(error: Error) -> isophote_scene::Error {
             value,
             expected,
         },
-        Error::TooLarge { limit, remedy } => isophote_scene::Error::Parameter {
-            name: "the memory for the maps",
-            value: format!("limited to {limit} bytes"),
-            expected: remedy,
+        Error::TooLarge { limit } => isophote_scene::Error::Parameter {
+            name: "the memory limit of the maps",
+            value: format!("{limit} bytes"),
+            expected: "they take more: take fewer maps or a lower resolution, or stream them",
         },
     }
 }

@@ -34,8 +34,11 @@ use wgpu::BufferUsages;
 
 pub use self::targets::{Lit, LitTargets};
 use self::{looks::Shining, mirror::Mirror};
-use super::{Look, Points, grid, linker, place};
-use crate::{Error, PhotonParams, Result, cpu::photons};
+use super::{Look, Points, grid, linker};
+use crate::{
+    Error, PhotonParams, Result,
+    cpu::{photons, points::place_of_sample},
+};
 
 /// Bytes of what is noted of a point, or summed up for a pixel.
 const ALBEDO: u64 = 16;
@@ -202,7 +205,7 @@ impl Gather {
         self.check(points)?;
         let look = Look {
             camera,
-            place: place(sample),
+            place: place_of_sample(sample),
             sample: 0,
             normals: self.params.normals,
         };

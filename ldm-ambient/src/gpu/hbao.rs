@@ -12,13 +12,13 @@ use wgpu::BufferUsages;
 use super::{
     CameraPoints, Look, Points, Targets, finish, linker,
     occlusion::{Resolve, SUMS},
-    place,
 };
 use crate::{
     Result,
     cpu::{
         hbao::{Eye, HbaoParams, turn},
         occlusion::Sky,
+        points::place_of_sample,
     },
 };
 
@@ -309,7 +309,7 @@ impl Hbao {
         for sample in 0..samples {
             Pass::timed(&mut passes, "camera", || {
                 let mut encoder = encoder();
-                let seen = find(&mut encoder, camera, place(sample), &mut points);
+                let seen = find(&mut encoder, camera, place_of_sample(sample), &mut points);
                 let rays = [pixels(self.picture), 0];
                 (seen.and_then(|()| finish(context, encoder)), rays)
             })?;

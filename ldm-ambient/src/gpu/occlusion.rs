@@ -13,7 +13,6 @@ use wgpu::BufferUsages;
 use super::{
     BuildMethod, CameraPoints, Filler, Look, Points, broken, finish, fit, grid, linker,
     maps::{Asked, Batch, Builder, Kept, Series},
-    place,
     reach::Near,
     target,
     triangles::{Chunk, Triangles},
@@ -22,6 +21,7 @@ use crate::{
     Directions, OcclusionParams, Result,
     cpu::{
         occlusion::Sky,
+        points::place_of_sample,
         view::{View, longest_axis},
     },
 };
@@ -355,7 +355,7 @@ impl Occlusion {
             for sample in 0..samples {
                 let look = Look {
                     camera,
-                    place: place(sample),
+                    place: place_of_sample(sample),
                     sample: 0,
                     normals,
                 };

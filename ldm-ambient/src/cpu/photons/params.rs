@@ -104,13 +104,7 @@ impl PhotonParams {
                 return Err(Error::parameter(name, side, "it must be 1 to 4096"));
             }
         }
-        if !(1..=1 << 16).contains(&self.frames) {
-            return Err(Error::parameter(
-                "the number of frames",
-                self.frames,
-                "it must be 1 to 65536",
-            ));
-        }
+        self.maps.check_frames(self.frames)?;
         if self.bounces > 16 {
             return Err(Error::parameter(
                 "the number of bounces",

@@ -1,4 +1,4 @@
-//! Stage 8 and 9 of the paper: photons are split along the maps, and their parts are splatted where the camera sees them land.
+//! Stages 8 and 9, as in the paper: photons are split along the maps, and their parts are splatted where the camera sees them land.
 //!
 //! A part lands in a pixel's plane: the distance that the map tells, known up to a pixel of the map, chooses the surface and
 //! is then made exact. Where the middle of a footprint is hidden or outside of the picture but the surface around it is not,
