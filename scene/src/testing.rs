@@ -307,7 +307,7 @@ fn consistent(
     answers: &[Option<Hit>],
     violations: &mut Vec<String>,
 ) {
-    let mut wrong = [0_usize; 5];
+    let mut wrong = [0_usize; 6];
     let (mut closest, mut any) = (vec![None; rays.len()], vec![false; rays.len()]);
     tracer.closest_hits(rays, &mut closest);
     tracer.any_hits(rays, &mut any);
@@ -317,7 +317,7 @@ fn consistent(
             usize::from(any[index] != answer.is_some() || tracer.any_hit(ray) != answer.is_some());
         let Some(hit) = answer else { continue };
         if tracer.answers() >= Answers::Distance {
-            wrong[2] += usize::from(!(hit.t > ray.t_min && hit.t <= ray.t_max));
+            wrong[2] += usize::from(!(hit.t > ray.t_min && hit.t < ray.t_max));
             // Cut before its hit the ray meets nothing there; begun behind it, it does not meet it again.
             let before = Ray {
                 t_max: hit.t * 0.999 - tracer.tolerance(ray.at(hit.t)),
@@ -329,6 +329,15 @@ fn consistent(
                 ..*ray
             });
             wrong[3] += usize::from(again.is_some() || behind.is_some_and(|next| next.t <= hit.t));
+            // The same ray in lengths of a direction four times as long: powers of two leave no rounding to allow for.
+            let longer = Ray {
+                t_min: 0.25 * ray.t_min,
+                direction: 4.0 * ray.direction,
+                t_max: 0.25 * ray.t_max,
+                ..*ray
+            };
+            let same = |found: Hit| (4.0 * found.t - hit.t).abs() <= 1e-5 * hit.t;
+            wrong[5] += usize::from(!tracer.closest_hit(&longer).is_some_and(same));
         }
         if tracer.answers() >= Answers::Surface {
             let known = scene
@@ -347,6 +356,7 @@ fn consistent(
         "hits lie outside the ray's range",
         "hits change when the ray's range is cut at them",
         "hits name no triangle or lie outside it",
+        "hits change with the length of the direction",
     ];
     for (name, count) in names.into_iter().zip(wrong) {
         if count > 0 {

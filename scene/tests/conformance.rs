@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use glam::{Affine3A, Quat, Vec3};
 use isophote_scene::{
-    BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Hit, Instance, Levels, Ray, Scene,
-    Selection, Tracer, builtin,
+    BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Confident, Hit, Instance, Levels, Ray,
+    Scene, Selection, SurfaceId, Tracer, WithFallback, builtin,
     testing::{Tolerances, conformance},
 };
 
@@ -62,6 +62,42 @@ fn exact_tracers_conform() {
     }
 }
 
+/// Loses half of all rays, and knows which.
+struct Lossy<'a>(&'a BvhTracer);
+
+impl Tracer for Lossy<'_> {
+    fn answers(&self) -> isophote_scene::Answers {
+        self.0.answers()
+    }
+
+    fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
+        self.closest_with_confidence(ray, SurfaceId::UNKNOWN).0
+    }
+}
+
+impl Confident for Lossy<'_> {
+    fn closest_with_confidence(&self, ray: &Ray, start: SurfaceId) -> (Option<Hit>, f32) {
+        if ray.direction.x.to_bits().is_multiple_of(2) {
+            (None, 0.3)
+        } else {
+            (self.0.closest_hit_from(ray, start), 0.7)
+        }
+    }
+}
+
+#[test]
+fn what_is_asked_again_is_exact() {
+    let scene = scene("builtin:cornell", 1.0);
+    let oracle: BruteForceTracer = build(&scene);
+    let exact: BvhTracer = build(&scene);
+    for (least, conforms) in [(0.0, false), (0.5, true), (1.1, true)] {
+        let both = WithFallback::new(Lossy(&exact), &exact, least);
+        let report = conformance(&scene, &both, &oracle, &Tolerances::EXACT, 500, 5);
+        let what = format!("at least {least}\n{report}");
+        assert_eq!(report.violations.is_empty(), conforms, "{what}");
+    }
+}
+
 type Flaw = fn(&Ray, Option<Hit>) -> Option<Hit>;
 
 /// A tracer with one flaw each, which the suite must find.
@@ -85,7 +121,7 @@ fn the_suite_finds_flaws() {
     let scene = scene("builtin:cornell", 1.0);
     let oracle: BruteForceTracer = build(&scene);
     let tracer: BvhTracer = build(&scene);
-    let flaws: [Flaw; 5] = [
+    let flaws: [Flaw; 6] = [
         |ray, hit| hit.filter(|_| ray.direction.x.to_bits() % 64 != 0),
         |_, hit| {
             hit.map(|hit| Hit {
@@ -103,12 +139,19 @@ fn the_suite_finds_flaws() {
             hit.or((ray.direction == Vec3::ZERO).then_some(Hit {
                 t: 1.0,
                 uv: glam::Vec2::ZERO,
-                surface: isophote_scene::SurfaceId::UNKNOWN,
+                surface: SurfaceId::UNKNOWN,
             }))
         },
         |_, hit| {
             hit.map(|hit| Hit {
                 uv: glam::Vec2::splat(0.9),
+                ..hit
+            })
+        },
+        // In metres, whatever the length of the direction.
+        |ray, hit| {
+            hit.map(|hit| Hit {
+                t: hit.t * ray.direction.length(),
                 ..hit
             })
         },
