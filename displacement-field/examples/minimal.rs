@@ -14,7 +14,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut scene = builtin::build("builtin:corner")?;
     // The three planes and a stretched box receive and do not cast.
     for other in [0, 1, 2, 6] {
-        scene.instances[other].mask = InstanceMask::RECEIVER;
+        scene.instances[other].mask = InstanceMask::NONE;
     }
     let scene = Arc::new(scene);
     let (casters, options) = (Selection::default(), BvhOptions::default());

@@ -53,7 +53,7 @@ fn part(scene: &Scene, many: bool) -> Arc<Scene> {
     let mut part = scene.clone();
     for instance in &mut part.instances {
         if (instance.mesh < 2) != many {
-            instance.mask = InstanceMask::RECEIVER;
+            instance.mask = InstanceMask::NONE;
         }
     }
     Arc::new(part)

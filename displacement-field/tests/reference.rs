@@ -22,7 +22,7 @@ fn tracer(scene: &Scene, look_up: LookUp) -> Together<FieldTracer, BvhTracer> {
         for instance in &mut part.instances {
             let many = scene.mesh(instance).triangles.len() > 500;
             if many != fields {
-                instance.mask = InstanceMask::RECEIVER;
+                instance.mask = InstanceMask::NONE;
             }
         }
         Arc::new(part)

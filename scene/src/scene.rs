@@ -66,19 +66,17 @@ impl InstanceMask {
     pub const NONE: Self = Self(0);
     /// It never moves, so precomputed structures may hold it.
     pub const STATIC: Self = Self(1);
-    /// It blocks and bounces light.
+    /// It blocks and bounces light. Light is computed for every instance, whether it casts or not.
     pub const CASTER: Self = Self(2);
-    /// Light is computed for it.
-    pub const RECEIVER: Self = Self(4);
     /// Every role.
-    pub const ALL: Self = Self(7);
+    pub const ALL: Self = Self(3);
 
     /// Whether every role of `other` is played.
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
 
-    /// The set as bits: 1 static, 2 caster, 4 receiver.
+    /// The set as bits: 1 static, 2 caster.
     pub const fn bits(self) -> u8 {
         self.0
     }

@@ -266,7 +266,7 @@ fn leaves() -> Arc<Scene> {
         placed(Vec3::new(-2.5, 1.0, 1.0), Vec3::new(0.5, -2.0, 0.7)),
         placed(Vec3::new(0.5, 2.5, -2.0), Vec3::splat(1.5)),
     ];
-    instances[3].mask = InstanceMask::RECEIVER;
+    instances[3].mask = InstanceMask::STATIC;
     Arc::new(Scene {
         meshes: vec![Arc::new(mesh)],
         materials: vec![
@@ -292,11 +292,11 @@ fn agrees<T: BuildGpuTracer<Options = ()>>(lab: &mut Lab) {
 fn selections_and_movement<T: BuildGpuTracer<Options = ()>>(lab: &mut Lab) {
     let scene = leaves();
     lab.compare::<T>("leaves", &scene, &Selection::default());
-    let receivers = Selection {
-        mask: InstanceMask::RECEIVER,
+    let resting = Selection {
+        mask: InstanceMask::STATIC,
         bounds: None,
     };
-    lab.compare::<T>("all leaves", &scene, &receivers);
+    lab.compare::<T>("all leaves", &scene, &resting);
     let bounds = Aabb::around([Vec3::new(-0.7, -3.0, -3.0), Vec3::splat(0.6)]);
     for bounds in [None, Some(bounds)] {
         let selection = Selection {

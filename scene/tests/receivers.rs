@@ -1,4 +1,4 @@
-//! Pixels, vertices and texels as receivers of light.
+//! Pixels and vertices as receivers of light.
 
 use std::sync::Arc;
 
@@ -89,35 +89,6 @@ fn vertices_share_out_the_area() {
                     > 0.5
             );
         }
-    }
-}
-
-#[test]
-fn texels_cover_the_surface() {
-    for transform in transforms() {
-        let scene = sheet(transform);
-        let receivers = Receivers::from_texels(&scene, 0, 1, [64, 96]);
-        assert_eq!(receivers.points.len(), 64 * 96, "the map is filled");
-        let sum: f64 = receivers
-            .points
-            .iter()
-            .map(|receiver| f64::from(receiver.area))
-            .sum();
-        assert!((sum / surface_area(&scene) - 1.0).abs() < 1e-4, "{sum}");
-        for receiver in &receivers.points {
-            let at = Vec2::new(
-                (receiver.index % 64) as f32 + 0.5,
-                (receiver.index / 64) as f32 + 0.5,
-            );
-            let uv = at / Vec2::new(64.0, 96.0);
-            assert!((receiver.point.uvs[1] - uv).length() < 1e-5);
-        }
-        assert!(
-            Receivers::from_texels(&scene, 0, 0, [8, 8])
-                .points
-                .is_empty(),
-            "set 0 does not exist"
-        );
     }
 }
 

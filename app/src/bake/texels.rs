@@ -125,7 +125,6 @@ impl Texels {
             Some(Receiver {
                 point: scene.point_on(surface, uv),
                 area: (area(p, q, r) / texels.max(1e-6)) as f32,
-                mask: instance.mask,
                 index: index as u32,
             })
         };
