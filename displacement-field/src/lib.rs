@@ -27,8 +27,9 @@
 //! - A ray that starts inside the sphere, as on the floor under an object, is looked up from where it leaves: the last
 //!   surface on its line, seen from behind, lies before it or not. The paper adds the distance from the entry, which for
 //!   such rays says nothing of what lies before them.
-//! - The sample that answers is by default the one that meets the ray in the middle of the sphere, where the object is
-//!   ([`LookUp::Aimed`]), and not the parallel one.
+//! - By default twelve samples around a ray answer it together ([`LookUp::Interpolated`], the paper's future work). The paper
+//!   takes one, of the direction next to the ray's ([`LookUp::Nearest`]); [`LookUp::Aimed`] takes one too, but of the
+//!   direction that meets the ray in the middle of its way through the sphere, where the object is.
 //! - Slater's rings are moved to where all points stand for the same area, which makes the inverse a formula instead of an
 //!   image of indices; the two hemispheres' outermost rings lie beside the equator instead of both on it.
 //! - The bounding sphere is the smallest one, larger by a share of 10⁻⁴, so that no surface lies on it.

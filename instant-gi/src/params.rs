@@ -4,7 +4,9 @@ use isophote_scene::{Answers, reference::Materials};
 
 use crate::{Error, Result};
 
-/// How a picture is made. The defaults are the paper's largest setting, without its shortcuts.
+/// How a picture is made. By default with as many light paths as the paper's largest setting and without its shortcuts; but light
+/// paths start along a lattice and not the paper's Halton sequence, and where shortcuts are chosen, filters compare depths too.
+/// [`Sequence::Halton`] and [`Filter::Paper`] are the paper's way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GiParams {
     /// Light paths that are shot, 1 to 65,536; each makes up to `bounces` virtual point lights.

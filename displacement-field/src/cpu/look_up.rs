@@ -26,10 +26,10 @@ pub enum LookUp {
     /// The nearest position, the nearest direction (§3.2).
     Nearest,
     /// The nearest position, and of its directions the one that meets the ray in the middle of its chord.
-    #[default]
     Aimed,
     /// Twelve samples: three positions around the ray and four directions of each, aimed. A hit where those that hit weigh
     /// more than those that miss, at the mean of their distances.
+    #[default]
     Interpolated,
 }
 

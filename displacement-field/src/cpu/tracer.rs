@@ -92,11 +92,6 @@ impl FieldTracer {
         self.far = eye;
     }
 
-    /// Which samples answer a ray, from now on.
-    pub fn set_look_up(&mut self, look_up: LookUp) {
-        self.look_up = look_up;
-    }
-
     /// Every field of the objects once: levels of detail of a mesh may share one.
     pub(crate) fn distinct(&self) -> Vec<Arc<Field>> {
         let mut fields: Vec<Arc<Field>> = Vec::new();
