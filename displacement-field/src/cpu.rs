@@ -1,9 +1,9 @@
-//! The method on CPUs, in the order of the paper's stages.
+//! The method on CPUs, in the order of its stages; those of the first, positions and directions, are beside this module.
 //!
-//! 1. [`build`]: from every position on the bounding sphere a hemisphere of rays is traced (Algorithm 1), by any exact
+//! 2. [`build`]: from every position on the bounding sphere a hemisphere of rays is traced (Algorithm 1), by any exact
 //!    tracer of the mesh alone.
-//! 2. `samples`: what is kept of them; [`file`](mod@file) keeps it on disk.
-//! 3. [`look_up`]: a ray that enters the sphere is looked up (Algorithm 2); [`object`]: the fields of a mesh.
+//!    `samples`: what is kept of them; [`file`](mod@file) keeps it on disk; [`object`]: the fields of a mesh.
+//! 3. [`look_up`]: a ray that enters the sphere is looked up (Algorithm 2).
 //! 4. [`tracer`]: many fields, `placed`; `span` is the part of a ray that lies in a sphere, `top` finds which spheres
 //!    a ray meets, `walk` takes several rays through them at once; [`together`] adds what has no field.
 //!

@@ -1,4 +1,4 @@
-//! Stage 2: the directions of a hemisphere in a square map, and the place in the map of a direction (§3.4).
+//! Stage 1: the directions of a hemisphere in a square map, and the place in the map of a direction (§3.4).
 
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 

@@ -201,7 +201,7 @@ pub(crate) fn check_size([width, height]: [u32; 2], samples: u32) -> Result<()> 
 }
 
 impl Stages {
-    /// Stage 6.
+    /// Hybrid stage 6.
     fn combined(mut self) -> Self {
         let bounced = self.diffuse.iter().zip(&self.glossy);
         self.picture = self

@@ -6,7 +6,7 @@
 //! 2. [`cpu::build`]: the maps of a scene (§3.1), laid out as [`cpu::maps`] says.
 //! 3. [`cpu::trace`]: a ray walks through a map (§3.2); [`LdiTracer::save`] and [`LdiTracer::load`] keep maps in files.
 //! 4. [`WithFallback`](isophote_scene::WithFallback): doubtful answers are asked of another tracer.
-//! 5. [`cpu`]: the hybrid renderer (§4, §5), over any two tracers.
+//! 5. [`cpu`]: the hybrid renderer (§4, §5), over any two tracers; the stages of its own are called hybrid stages 1 to 6.
 //!
 //! Stages 2, 3 and 5 have twins in shaders (feature `gpu`, module `gpu`).
 //!

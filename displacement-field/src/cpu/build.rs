@@ -1,4 +1,4 @@
-//! Stage 1: rays from every position into the sphere (Algorithm 1).
+//! Stage 2: rays from every position into the sphere (Algorithm 1).
 
 use std::{
     ops::RangeInclusive,

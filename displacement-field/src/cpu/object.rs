@@ -1,4 +1,4 @@
-//! Stage 3: what stands for the meshes of a scene: their fields, or those of their parts.
+//! Stage 2: what stands for the meshes of a scene: their fields, or those of their parts.
 
 use std::sync::Arc;
 

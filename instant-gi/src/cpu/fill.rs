@@ -1,4 +1,4 @@
-//! Interleaved sampling without gaps: what the neighbours of a sample lack, the sample computes.
+//! Stage 5, interleaved sampling without gaps: what the neighbours of a sample lack, the sample computes.
 //!
 //! In a tile of interleaved sampling every sample has another part of the lights (§4.3). The samples of the window around one
 //! that lie on its surface give it their parts; near an edge some parts lie on other surfaces. The discontinuity buffer then

@@ -1,4 +1,4 @@
-//! Stage 5, samples become a picture: the discontinuity buffer over tiles of interleaved sampling (§4.3) and joint
+//! Stage 6, samples become a picture: the discontinuity buffer over tiles of interleaved sampling (§4.3) and joint
 //! bilateral upsampling (§4.2, Eq. (2)).
 
 use glam::Vec3;

@@ -1,4 +1,4 @@
-//! Stage 5 over a sequence of pictures: irradiance of earlier ones, carried to where it is seen now.
+//! Stage 6 over a sequence of pictures: irradiance of earlier ones, carried to where it is seen now.
 //!
 //! Every picture shoots other light paths, so that the mean of n pictures has the light of n times as many.
 

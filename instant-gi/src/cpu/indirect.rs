@@ -1,4 +1,4 @@
-//! Stage 4, the light of the virtual point lights (Eq. (1)).
+//! Stage 5, the light of the virtual point lights (Eq. (1)).
 //!
 //! E(x) = Σ Lₖ V(x, yₖ) G(x, yₖ) is irradiance; the surface's albedo/π is multiplied on when the picture is put
 //! together, so that filters do not blur textures. Rays of many points are traced together, those towards one light beside each

@@ -1,4 +1,4 @@
-//! Visibility of the virtual point lights by paraboloid shadow maps, which the paper proposes (§6).
+//! Stage 3, visibility of the virtual point lights by paraboloid shadow maps, which the paper proposes (§6).
 //!
 //! A virtual point light shines into the hemisphere around its normal, and a paraboloid maps that hemisphere to a disk
 //! (Brabec, Annen, Seidel 2002): the unit direction (x, y, z), z along the normal, falls on (x, y)/(1 + z). A map is the

@@ -1,4 +1,4 @@
-//! Stage 4 over the picture: at which pixels light is gathered (§4.2), and by which part of the lights (§4.3).
+//! Stage 5 over the picture: at which pixels light is gathered (§4.2), and by which part of the lights (§4.3).
 
 use glam::Vec3;
 use isophote_filters::SampleGrid;

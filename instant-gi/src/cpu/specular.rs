@@ -1,4 +1,4 @@
-//! Stage 3, direct and specular light (§4): a Whitted-style tree of rays from what the camera sees.
+//! Stage 4, direct and specular light (§4): a Whitted-style tree of rays from what the camera sees.
 //!
 //! What mirrors and glass show is kept as [`Mirrored`], to be lit by the virtual point lights too.
 

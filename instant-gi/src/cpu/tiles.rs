@@ -1,4 +1,4 @@
-//! Stage 3 over the picture: tile by tile the trees of rays, and then the light of the virtual point lights on all that a
+//! Stage 4 over the picture: tile by tile the trees of rays, and then the light of the virtual point lights on all that a
 //! tile's mirrors and glass show.
 //!
 //! That is the paper's hidden cost: at full resolution, since no grid of pixels lies over it, unless it is interpolated over the

@@ -1,4 +1,4 @@
-//! Stage 5, samples become a picture: the filters of `isophote-filters`, as in `cpu/filter.rs`.
+//! Stage 6, samples become a picture: the filters of `isophote-filters`, as in `cpu/filter.rs`.
 
 use isophote_filters::{
     Pinhole,

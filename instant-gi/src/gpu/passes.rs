@@ -303,7 +303,7 @@ impl Targets {
         Ok((targets, stages))
     }
 
-    /// Where stage 4 leaves irradiance.
+    /// Where stage 5 leaves irradiance.
     pub(super) fn samples<'a>(&'a self, stages: &'a StageTextures) -> &'a wgpu::Texture {
         self.samples.as_ref().unwrap_or(&stages.irradiance)
     }

@@ -1,4 +1,4 @@
-//! Stage 1, building the maps (§3.1): triangles are grouped, projected along every direction, and the layers of each
+//! Stage 2, building the maps (§3.1): triangles are grouped, projected along every direction, and the layers of each
 //! pixel packed.
 //!
 //! For every map: all fragments are found, counted by pixel, the counts summed up (the prefix sum), the fragments

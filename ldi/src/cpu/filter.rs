@@ -1,4 +1,4 @@
-//! Stage 4, the two-pass Gaussian (§5), over what belongs to surfaces that scatter diffusely.
+//! Hybrid stage 4, the two-pass Gaussian (§5), over what belongs to surfaces that scatter diffusely.
 //!
 //! Neither the background nor metal may darken them: how much of a pixel they fill is filtered too, and divided by.
 //! The paper's blurs across silhouettes; by default this one stops there.

@@ -1,4 +1,4 @@
-//! Stage 1, the G-buffer: what the camera sees, one shading per primitive and pixel.
+//! Hybrid stage 1, the G-buffer: what the camera sees, one shading per primitive and pixel.
 //!
 //! With several samples a pixel those that meet the same triangle are one fragment, which is shaded once, at the first
 //! of them, and weighted with how many there are: anti-aliasing as graphics hardware does it (§4).

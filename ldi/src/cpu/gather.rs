@@ -1,4 +1,4 @@
-//! Stages 3 and 5: secondary rays, and what they bring back.
+//! Hybrid stages 3 and 5: secondary rays, and what they bring back.
 //!
 //! The rays of many pixels are traced together, so that a tracer can sort them by direction. The surface a ray hits is
 //! lit by the lights alone (a single bounce); where it is diffuse its texture is read at a coarse level, since a
@@ -53,7 +53,7 @@ struct Wanted {
 type Gathered = (Vec<Vec3>, [u64; 2]);
 
 impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
-    /// Stage 3: irradiance. With density cosθ/π it is π times the mean of the radiance.
+    /// Hybrid stage 3: irradiance. With density cosθ/π it is π times the mean of the radiance.
     pub(super) fn diffuse(&self, fragments: &Fragments, meter: &Meter<'_>) -> Gathered {
         let most = self.params.diffuse_rays;
         self.gather(fragments, DIFFUSE, most, meter, |fragment, stream, want| {
@@ -75,7 +75,7 @@ impl<E: Tracer + ?Sized, S: Tracer + ?Sized> Hybrid<'_, E, S> {
         })
     }
 
-    /// Stage 5: radiance by the metal lobe and through glass. A mirror takes one ray.
+    /// Hybrid stage 5: radiance by the metal lobe and through glass. A mirror takes one ray.
     pub(super) fn glossy(&self, fragments: &Fragments, meter: &Meter<'_>) -> Gathered {
         let most = self.params.glossy_rays;
         self.gather(

@@ -1,4 +1,4 @@
-//! Stage 2: light straight from the lights, shadows by rays.
+//! Hybrid stage 2: light straight from the lights, shadows by rays.
 
 use glam::Vec3;
 use isophote_scene::{

@@ -1,4 +1,4 @@
-//! Stage 2, tracing (§3.2): a ray walks the pixels of the map whose direction is nearest to its own, and stops at the
+//! Stage 3, tracing (§3.2): a ray walks the pixels of the map whose direction is nearest to its own, and stops at the
 //! first layer it meets.
 //!
 //! 1. `path`: the ray's way through the map, pixel by pixel, with its depths at both ends of each.

@@ -1,4 +1,4 @@
-//! Stage 1 on a GPU, building the maps (§3.1): triangles are grouped and projected as on the CPU, the layers of pixels are
+//! Stage 2 on a GPU, building the maps (§3.1): triangles are grouped and projected as on the CPU, the layers of pixels are
 //! found by the rasteriser, and stay on the device.
 //!
 //! Two ways lead to the same layers ([`BuildMethod`]):

@@ -323,7 +323,7 @@ impl Hybrid {
         }
     }
 
-    /// Stage 4.
+    /// Hybrid stage 4.
     fn filter(
         &self,
         context: &Context,
