@@ -57,7 +57,7 @@ mod view;
 mod words;
 
 pub use self::{
-    compute::{ComputePass, Dispatch, UniformArray},
+    compute::{ComputePass, Dispatch, UniformArray, grid},
     context::{Adapter, AdapterChoice, Context, adapters},
     gbuffer::{GBuffer, GBufferPass, GBufferViews},
     rasters::Rasters,

@@ -15,10 +15,13 @@ mod single_pass;
 mod tests;
 
 use bytemuck::{Pod, Zeroable};
-use isophote_scene::{Error, Result, gpu::Context};
+use isophote_scene::{
+    Error, Result,
+    gpu::{Context, grid},
+};
 
 use super::{
-    kernel::{Kernel, grid, storage, uniform},
+    kernel::{Kernel, uniform},
     upload::{Head, Words, faces, is_wide},
 };
 use crate::{
@@ -148,7 +151,7 @@ impl MapBuilder {
             packing: plan.packing,
         };
         let source = Source::new(context, plan, &head)?;
-        let wrong = storage(context, "wrong pixels", 4)?;
+        let wrong = context.storage("wrong pixels", 4)?;
         let mut built: Vec<Built> = Vec::new();
         let mut base = 0;
         for group in source.groups(pipelines.most_maps(&source)) {
@@ -349,7 +352,7 @@ impl Pipelines {
     ) -> Result<Built> {
         let context = source.context;
         let count = source.pixels(group);
-        let pixels = storage(context, "the pixels of the maps", 8 * count)?;
+        let pixels = context.storage("the pixels of the maps", 8 * count)?;
         let settings = GpuPlan {
             base,
             ..source.settings(group, found.count)

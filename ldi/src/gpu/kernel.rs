@@ -3,7 +3,7 @@
 use bytemuck::Pod;
 use isophote_scene::{
     Result,
-    gpu::{Context, Linker},
+    gpu::{Context, Linker, grid},
 };
 
 use super::SHADERS;
@@ -101,32 +101,6 @@ pub(super) fn linker(flags: &[(&'static str, bool)]) -> Linker {
         .fold(all, |linker, &(name, on)| linker.feature(name, on))
 }
 
-/// So many workgroups in two dimensions, of which each holds at most 65,535.
-pub(super) fn grid(groups: u64) -> [u32; 3] {
-    const MOST: u64 = 65_535;
-    let columns = groups.clamp(1, MOST);
-    [columns as u32, groups.div_ceil(columns).max(1) as u32, 1]
-}
-
-/// A buffer of zeros that shaders write.
-///
-/// # Errors
-/// [`Error::GpuLimit`](isophote_scene::Error::GpuLimit) when the device cannot bind it.
-pub(super) fn storage(context: &Context, label: &str, bytes: u64) -> Result<wgpu::Buffer> {
-    let size = bytes.max(8).next_multiple_of(4);
-    context.check_storage_size(label, size)?;
-    context.check(label, |device| {
-        device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some(label),
-            size,
-            usage: wgpu::BufferUsages::STORAGE
-                | wgpu::BufferUsages::COPY_SRC
-                | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        })
-    })
-}
-
 pub(super) fn uniform<T: Pod>(context: &Context, value: T) -> Result<wgpu::Buffer> {
     context.buffer("settings", &[value], wgpu::BufferUsages::UNIFORM)
 }
@@ -157,13 +131,13 @@ impl PrefixSum {
         counts: &wgpu::Buffer,
         count: u64,
     ) -> Result<(wgpu::Buffer, u32)> {
-        let firsts = storage(context, "prefix sums", 4 * (count + 1))?;
+        let firsts = context.storage("prefix sums", 4 * (count + 1))?;
         encoder.copy_buffer_to_buffer(counts, 0, &firsts, 0, 4 * count);
         let mut levels = vec![(firsts.clone(), count + 1)];
         let mut last = count + 1;
         while last > 1 {
             last = last.div_ceil(BLOCK);
-            levels.push((storage(context, "prefix sums", 4 * last)?, last));
+            levels.push((context.storage("prefix sums", 4 * last)?, last));
         }
         let pairs = levels
             .windows(2)
@@ -177,7 +151,7 @@ impl PrefixSum {
             self.add
                 .record(context, &mut encoder, &resources, grid(*blocks))?;
         }
-        let total = storage(context, "number of layers", 4)?;
+        let total = context.storage("number of layers", 4)?;
         encoder.copy_buffer_to_buffer(&firsts, 4 * count, &total, 0, 4);
         context.submit("prefix sums", encoder)?;
         let total = context.read::<u32>("number of layers", &total, 1)?[0];

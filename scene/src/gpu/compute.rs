@@ -43,6 +43,13 @@ impl Dispatch {
     }
 }
 
+/// So many workgroups in two dimensions, of which each holds at most 65,535; up to one row more than was asked for.
+pub fn grid(groups: u64) -> [u32; 3] {
+    const MOST: u64 = 65_535;
+    let columns = groups.clamp(1, MOST);
+    [columns as u32, groups.div_ceil(columns).max(1) as u32, 1]
+}
+
 impl Shader {
     /// A pass of one of its entry points. `groups` are the layouts of the bind groups from 1 on; the uniforms at the
     /// bindings `arrays` of group 0 are elements of [`UniformArray`]s.

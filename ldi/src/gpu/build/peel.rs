@@ -4,7 +4,7 @@
 use isophote_scene::{Result, gpu::Context};
 
 use super::{Budget, Compacted, Group, Source};
-use crate::gpu::kernel::{Kernel, PrefixSum, bind, linker, storage, uniform};
+use crate::gpu::kernel::{Kernel, PrefixSum, bind, linker, uniform};
 
 /// Pixels of a group: the layers of all passes are kept until they are compacted.
 pub(super) const MOST_PIXELS: u32 = 1 << 20;
@@ -93,13 +93,13 @@ impl Peel {
     ) -> Result<Compacted> {
         let context = source.context;
         let pixels = source.pixels(group);
-        let counts = storage(context, "layers of pixels", 4 * (pixels + 1))?;
+        let counts = context.storage("layers of pixels", 4 * (pixels + 1))?;
         let passes = self.passes(source, group, &counts, &budget)?;
         let encoder = context.device().create_command_encoder(&Default::default());
         let (firsts, count) = self.prefix_sum.of(context, encoder, &counts, pixels)?;
         budget.check(count)?;
         let bytes = source.layer_bytes * u64::from(count);
-        let layers = storage(context, "layers", bytes)?;
+        let layers = context.storage("layers", bytes)?;
         for (number, pass) in (0..).zip(&passes) {
             let settings = uniform(context, source.settings(group, number))?;
             let mut encoder = context.device().create_command_encoder(&Default::default());
@@ -142,7 +142,7 @@ impl Peel {
             budget.plan.params.max_bytes / (source.layer_bytes * source.pixels(group)).max(1);
         let mut passes: Vec<Target> = Vec::new();
         loop {
-            let found = storage(context, "found layers", 4)?;
+            let found = context.storage("found layers", 4)?;
             for _ in 0..BATCH {
                 if passes.len() as u64 >= most {
                     return Err(budget.too_large());
@@ -156,7 +156,7 @@ impl Peel {
                 // Only the last of the batch is asked.
                 let found = match (number + 1) % BATCH {
                     0 => found.clone(),
-                    _ => storage(context, "found layers", 4)?,
+                    _ => context.storage("found layers", 4)?,
                 };
                 let resources = [
                     settings.as_entire_binding(),

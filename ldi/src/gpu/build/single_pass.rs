@@ -5,7 +5,7 @@ use std::iter::once;
 use isophote_scene::{Result, gpu::Context};
 
 use super::{Budget, Compacted, Group, Source};
-use crate::gpu::kernel::{PrefixSum, bind, linker, storage, uniform};
+use crate::gpu::kernel::{PrefixSum, bind, linker, uniform};
 
 /// Pixels of a group.
 pub(super) const MOST_PIXELS: u32 = 1 << 23;
@@ -64,14 +64,14 @@ impl SinglePass {
     ) -> Result<Compacted> {
         let context = source.context;
         let pixels = source.pixels(group);
-        let cursors = storage(context, "layers of pixels", 4 * (pixels + 1))?;
-        let none = storage(context, "no layers", 8)?;
+        let cursors = context.storage("layers of pixels", 4 * (pixels + 1))?;
+        let none = context.storage("no layers", 8)?;
         self.draw(source, group, 0, [&cursors, &none])?;
         let encoder = context.device().create_command_encoder(&Default::default());
         let (firsts, count) = self.prefix_sum.of(context, encoder, &cursors, pixels)?;
         budget.check(count)?;
         let bytes = source.layer_bytes * u64::from(count);
-        let layers = storage(context, "layers", bytes)?;
+        let layers = context.storage("layers", bytes)?;
         let mut encoder = context.device().create_command_encoder(&Default::default());
         encoder.copy_buffer_to_buffer(&firsts, 0, &cursors, 0, 4 * (pixels + 1));
         context.submit("layers", encoder)?;

@@ -55,8 +55,8 @@ pub(super) fn textures(
         picture: picture("picture")?,
     };
     let target = Target {
-        light: kernel::storage(context, "light", LIGHT_BYTES * u64::from(samples))?,
-        hits: kernel::storage(context, "secondary hits", HIT_BYTES * u64::from(at_once))?,
+        light: context.storage("light", LIGHT_BYTES * u64::from(samples))?,
+        hits: context.storage("secondary hits", HIT_BYTES * u64::from(at_once))?,
         irradiance: whole(&stages.irradiance),
         light_irradiance: view("irradiance of direct light", color)?,
         normals: view("normals", color)?,
