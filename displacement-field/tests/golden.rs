@@ -5,7 +5,7 @@
 
 mod support;
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{collections::BTreeMap, path::Path};
 
 use glam::{Affine3A, Vec3};
 use isophote_displacement_field::{
@@ -14,12 +14,11 @@ use isophote_displacement_field::{
 use isophote_scene::{
     Ray, Selection, Tracer,
     sample::{Sampler, uniform_sphere},
+    testing::{Golden, Metrics},
 };
 
 /// Everything may be smaller.
 const WORSE: f64 = 1.05;
-
-type Metrics = BTreeMap<String, f64>;
 
 /// From all around the object and from within its sphere.
 fn rays() -> Vec<Ray> {
@@ -34,12 +33,12 @@ fn rays() -> Vec<Ray> {
         .collect()
 }
 
-fn measure() -> Metrics {
+fn measure() -> BTreeMap<String, Metrics> {
     let torus = support::torus("torus", 48, 24, 0.4);
     let scene = support::scene(&torus, &[Affine3A::IDENTITY]);
     let (exact, rays) = (support::exact(&scene), rays());
     let truth: Vec<_> = rays.iter().map(|ray| exact.closest_hit(ray)).collect();
-    let mut metrics = Metrics::new();
+    let mut cases = BTreeMap::new();
     for (name, positions, directions, storage) in [
         (
             "byte",
@@ -85,8 +84,9 @@ fn measure() -> Metrics {
             ..FieldParams::default()
         };
         let field = support::field(&torus, &params);
+        let mut metrics = Metrics::new();
         let share = field.coded_bytes() as f64 / field.bytes() as f64;
-        metrics.insert(format!("{name}: coded share"), share);
+        metrics.insert("coded share".to_owned(), share);
         for look_up in LookUp::ALL {
             let object = Object::new(field.clone());
             let tracer =
@@ -104,31 +104,21 @@ fn measure() -> Metrics {
                     _ => wrong += 1.0,
                 }
             }
-            metrics.insert(
-                format!("{name}, {look_up:?}: wrong"),
-                wrong / rays.len() as f64,
-            );
-            metrics.insert(format!("{name}, {look_up:?}: off"), off / both);
+            metrics.insert(format!("{look_up:?}: wrong"), wrong / rays.len() as f64);
+            metrics.insert(format!("{look_up:?}: off"), off / both);
         }
+        cases.insert(name.to_owned(), metrics);
     }
-    metrics
+    cases
 }
 
 #[test]
 fn fields_are_as_good_as_they_were() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden.json");
-    let now = measure();
-    if std::env::var_os("ISOPHOTE_GOLDEN").is_some_and(|what| what == "write") {
-        fs::write(&path, serde_json::to_string_pretty(&now).unwrap() + "\n").unwrap();
-        return;
-    }
-    let golden: Metrics = serde_json::from_str(&fs::read_to_string(&path).unwrap()).unwrap();
-    assert!(now.keys().eq(golden.keys()));
-    for (name, value) in now {
-        let was = golden[&name];
-        assert!(
-            value <= WORSE * was + 1e-6,
-            "{name} was {was} and is {value}"
-        );
-    }
+    let golden = Golden {
+        file: &path,
+        same: 0.0,
+        worse: WORSE,
+    };
+    golden.check(&measure());
 }

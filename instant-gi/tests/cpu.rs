@@ -12,6 +12,7 @@ use isophote_scene::{
     Answers, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Hit, Leaves, Ray, Receivers,
     Scene, Selection, Tracer, builtin,
     reference::{Materials, Normals, Tracers},
+    testing::{mean, relative_rmse},
 };
 
 const SIZE: [u32; 2] = [48, 36];
@@ -26,10 +27,6 @@ fn render(scene: &Scene, exact: &dyn Tracer, secondary: &dyn Tracer, params: &Gi
     let tracers = Tracers { exact, secondary };
     let gi = InstantGi::new(scene, tracers, params).unwrap();
     gi.render(&scene.cameras[0], SIZE, &|_, _| {}).unwrap()
-}
-
-fn mean(values: &[Vec3]) -> f32 {
-    values.iter().map(|value| value.element_sum()).sum::<f32>() / (3 * values.len()) as f32
 }
 
 /// What pixels show is lit as points of their own are, bit for bit, and in whatever company.
@@ -125,12 +122,6 @@ fn particles_carry_what_the_lights_emit() {
             "{bounce}: {sent} {most}"
         );
     }
-}
-
-fn relative_rmse(values: &[Vec3], truth: &[Vec3]) -> f32 {
-    let pairs = values.iter().zip(truth);
-    let squares: f32 = pairs.map(|(a, b)| (*a - *b).length_squared()).sum();
-    (squares / (3 * truth.len()) as f32).sqrt() / mean(truth)
 }
 
 /// Light on what mirrors show is smooth: a few points of it tell the rest.

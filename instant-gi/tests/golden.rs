@@ -3,12 +3,13 @@
 //! `ISOPHOTE_GOLDEN=write cargo test -p isophote-instant-gi --test golden` writes what is measured into `golden.json`.
 #![expect(clippy::unwrap_used, reason = "tests")]
 
-use std::{collections::BTreeMap, fs, path::Path, sync::Arc};
+use std::{path::Path, sync::Arc};
 
-use glam::Vec3;
 use isophote_instant_gi::{Filter, GiParams, InstantGi, Stages};
 use isophote_scene::{
-    BuildTracer, BvhOptions, BvhTracer, Leaves, Scene, Selection, builtin, reference::Tracers,
+    BuildTracer, BvhOptions, BvhTracer, Leaves, Scene, Selection, builtin,
+    reference::Tracers,
+    testing::{Golden, Metrics, mean, relative_rmse},
 };
 
 const SIZE: [u32; 2] = [80, 60];
@@ -18,27 +19,9 @@ const SAME: f64 = 0.01;
 /// Errors may be smaller.
 const WORSE: f64 = 1.1;
 
-type Metrics = BTreeMap<String, f64>;
-
 fn render(scene: &Scene, exact: &BvhTracer, secondary: &BvhTracer, params: &GiParams) -> Stages {
     let gi = InstantGi::new(scene, Tracers { exact, secondary }, params).unwrap();
     gi.render(&scene.cameras[0], SIZE, &|_, _| {}).unwrap()
-}
-
-fn mean(values: &[Vec3]) -> f64 {
-    let sum: f64 = values
-        .iter()
-        .map(|value| f64::from(value.element_sum()))
-        .sum();
-    sum / (3 * values.len()) as f64
-}
-
-fn relative_rmse(values: &[Vec3], truth: &[Vec3]) -> f64 {
-    let pairs = values.iter().zip(truth);
-    let squares: f64 = pairs
-        .map(|(a, b)| f64::from((*a - *b).length_squared()))
-        .sum();
-    (squares / (3 * truth.len()) as f64).sqrt() / mean(truth)
 }
 
 /// Means of the stages, and what each shortcut adds to the error.
@@ -89,27 +72,13 @@ fn measure(name: &str) -> Metrics {
 #[test]
 fn pictures_are_as_they_were() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden.json");
-    let now: BTreeMap<&str, Metrics> = SCENES.map(|name| (name, measure(name))).into();
-    if std::env::var_os("ISOPHOTE_GOLDEN").is_some_and(|what| what == "write") {
-        fs::write(&path, serde_json::to_string_pretty(&now).unwrap() + "\n").unwrap();
-        return;
-    }
-    let golden: BTreeMap<String, Metrics> =
-        serde_json::from_str(&fs::read_to_string(&path).unwrap()).unwrap();
-    assert_eq!(golden.len(), SCENES.len());
-    for (scene, metrics) in now {
-        let golden = &golden[scene];
-        assert!(metrics.keys().eq(golden.keys()), "{scene}");
-        for (name, value) in metrics {
-            let was = golden[&name];
-            let fine = if name.starts_with("mean") {
-                (value - was).abs() <= SAME * was
-            } else {
-                value <= WORSE * was + 1e-6
-            };
-            assert!(fine, "{scene}: {name} was {was} and is {value}");
-        }
-    }
+    let now = SCENES.map(|name| (name.to_owned(), measure(name))).into();
+    let golden = Golden {
+        file: &path,
+        same: SAME,
+        worse: WORSE,
+    };
+    golden.check(&now);
 }
 
 /// In every scene tiles whose gaps are filled are nearer to the truth than the paper's.

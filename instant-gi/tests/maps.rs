@@ -11,6 +11,7 @@ use isophote_scene::{
     Answers, BruteForceTracer, BuildTracer, BvhOptions, BvhTracer, Hit, Ray, Selection, SurfaceId,
     SurfacePoint, Tracer, builtin,
     reference::{Materials, Tracers},
+    testing::{mean, relative_rmse},
 };
 use proptest::prelude::*;
 
@@ -142,16 +143,6 @@ proptest! {
         let (maps, _) = Maps::new(&tracer, &[light(origin, facing)], &params).unwrap();
         prop_assert!(maps.visibility(0, point, normal, off) > 0.999);
     }
-}
-
-fn mean(values: &[Vec3]) -> f32 {
-    values.iter().map(|value| value.element_sum()).sum::<f32>() / (3 * values.len()) as f32
-}
-
-fn relative_rmse(values: &[Vec3], truth: &[Vec3]) -> f32 {
-    let pairs = values.iter().zip(truth);
-    let squares: f32 = pairs.map(|(a, b)| (*a - *b).length_squared()).sum();
-    (squares / (3 * truth.len()) as f32).sqrt() / mean(truth)
 }
 
 /// Pictures by maps are near those by rays, the nearer the larger the maps, and the same by every exact tracer.

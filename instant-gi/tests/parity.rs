@@ -20,11 +20,12 @@ use isophote_scene::{
         RayQueryBoxTracer, RayQueryTracer, Timer, reference::World,
     },
     reference::{Materials, Tracers},
+    testing::{mean, relative_rmse},
 };
 
 const SIZE: [u32; 2] = [64, 48];
 /// How far two pictures may be apart, as relRMSE.
-const MOST: f32 = 0.005;
+const MOST: f64 = 0.005;
 
 fn on_cpu(scene: &Arc<Scene>, params: &GiParams, leaves: Leaves) -> Stages {
     let selection = Selection::default();
@@ -76,16 +77,6 @@ fn on_gpu(
     let again = gi.read(context).unwrap();
     assert_eq!(stages.picture, again.picture);
     stages
-}
-
-fn mean(values: &[Vec3]) -> f32 {
-    values.iter().map(|value| value.element_sum()).sum::<f32>() / (3 * values.len()) as f32
-}
-
-fn relative_rmse(found: &[Vec3], expected: &[Vec3]) -> f32 {
-    let pairs = found.iter().zip(expected);
-    let squares: f32 = pairs.map(|(a, b)| (*a - *b).length_squared()).sum();
-    (squares / (3 * expected.len()) as f32).sqrt() / mean(expected)
 }
 
 /// How far apart the lights are, and the stages.

@@ -8,6 +8,7 @@ use isophote_instant_gi::{GiParams, InstantGi};
 use isophote_scene::{
     BuildTracer, BvhOptions, BvhTracer, Receivers, Scene, Selection, builtin, facing,
     reference::{Materials, Quantity, Settings, Tracers, bake},
+    testing::{mean, relative_rmse},
 };
 
 const SIZE: [u32; 2] = [48, 36];
@@ -75,16 +76,6 @@ impl Lab {
     }
 }
 
-fn mean(values: &[Vec3]) -> f32 {
-    values.iter().map(|value| value.element_sum()).sum::<f32>() / (3 * values.len()) as f32
-}
-
-fn relative_rmse(values: &[Vec3], truth: &[Vec3]) -> f32 {
-    let pairs = values.iter().zip(truth);
-    let squares: f32 = pairs.map(|(a, b)| (*a - *b).length_squared()).sum();
-    (squares / (3 * truth.len()) as f32).sqrt() / mean(truth)
-}
-
 fn params() -> GiParams {
     GiParams {
         paths: 4096,
@@ -102,7 +93,7 @@ fn many_lights_are_one_bounce() {
     let found = lab.found(&params());
     let bias = mean(&found) / mean(&truth) - 1.0;
     let beyond = |found: &[Vec3]| {
-        let squares = relative_rmse(found, &truth).powi(2) - noise * noise;
+        let squares = relative_rmse(found, &truth).powi(2) - f64::from(noise).powi(2);
         squares.max(0.0).sqrt()
     };
     let rmse = beyond(&found);
@@ -121,7 +112,7 @@ fn many_lights_are_one_bounce() {
     assert!(bias.abs() < 0.015 && rmse < 0.05, "{bias} {rmse}");
     assert!(kept < 0.9 * few, "{kept} {few}");
     assert!(picked < 0.8 * few, "{picked} {few}");
-    let flat = vec![Vec3::splat(mean(&truth)); truth.len()];
+    let flat = vec![Vec3::splat(mean(&truth) as f32); truth.len()];
     assert!(
         relative_rmse(&flat, &truth) > 0.3,
         "the picture is not flat"

@@ -4,13 +4,14 @@
 //! `ISOPHOTE_GOLDEN=write cargo test -p isophote-ldi --test golden` writes what is measured into `golden.json`.
 #![expect(clippy::unwrap_used, reason = "tests")]
 
-use std::{collections::BTreeMap, fs, path::Path, sync::Arc};
+use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 use glam::Vec3;
 use isophote_ldi::{Coverage, Hybrid, HybridParams, LdiParams, LdiTracer, Stages};
 use isophote_scene::{
     Aabb, BuildTracer, BvhOptions, BvhTracer, Scene, Selection, Tracer, builtin, load,
     reference::Tracers,
+    testing::{Golden, Metrics, mean, relative_rmse},
 };
 
 const SIZE: [u32; 2] = [40, 30];
@@ -34,8 +35,6 @@ const SAME: f64 = 0.01;
 /// Errors may be smaller.
 const WORSE: f64 = 1.1;
 
-type Metrics = BTreeMap<String, f64>;
-
 fn render(
     scene: &Scene,
     exact: &BvhTracer,
@@ -45,22 +44,6 @@ fn render(
     let tracers = Tracers { exact, secondary };
     let hybrid = Hybrid::new(scene, tracers, params).unwrap();
     hybrid.render(&scene.cameras[0], SIZE, &|_, _| {}).unwrap()
-}
-
-fn mean(values: &[Vec3]) -> f64 {
-    let sum: f64 = values
-        .iter()
-        .map(|value| f64::from(value.element_sum()))
-        .sum();
-    sum / (3 * values.len()) as f64
-}
-
-fn relative_rmse(values: &[Vec3], truth: &[Vec3]) -> f64 {
-    let pairs = values.iter().zip(truth);
-    let squares: f64 = pairs
-        .map(|(a, b)| f64::from((*a - *b).length_squared()))
-        .sum();
-    (squares / (3 * truth.len()) as f64).sqrt() / mean(truth)
 }
 
 /// Means of the stages, what each kind of layers gets wrong, and what each filter does.
@@ -116,34 +99,25 @@ fn measure(scene: Scene, bounds: Option<Aabb>) -> Metrics {
 #[test]
 fn pictures_are_as_they_were() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden.json");
-    let built_in = SCENES.map(|name| (name, measure(builtin::build(name).unwrap(), None)));
+    let built_in = SCENES.map(|name| {
+        (
+            name.to_owned(),
+            measure(builtin::build(name).unwrap(), None),
+        )
+    });
     let mut now = BTreeMap::from(built_in);
     for (name, bounds) in FILES {
         let file = Path::new(FOLDER).join(name);
         if file.exists() {
-            now.insert(name, measure(load(&file).unwrap(), bounds));
+            now.insert(name.to_owned(), measure(load(&file).unwrap(), bounds));
         } else {
             eprintln!("skipped: there is no {}", file.display());
         }
     }
-    if std::env::var_os("ISOPHOTE_GOLDEN").is_some_and(|what| what == "write") {
-        fs::write(&path, serde_json::to_string_pretty(&now).unwrap() + "\n").unwrap();
-        return;
-    }
-    let golden: BTreeMap<String, Metrics> =
-        serde_json::from_str(&fs::read_to_string(&path).unwrap()).unwrap();
-    assert_eq!(golden.len(), SCENES.len() + FILES.len());
-    for (scene, metrics) in now {
-        let golden = &golden[scene];
-        assert!(metrics.keys().eq(golden.keys()), "{scene}");
-        for (name, value) in metrics {
-            let was = golden[&name];
-            let fine = if name.starts_with("mean") {
-                (value - was).abs() <= SAME * was
-            } else {
-                value <= WORSE * was + 1e-6
-            };
-            assert!(fine, "{scene}: {name} was {was} and is {value}");
-        }
-    }
+    let golden = Golden {
+        file: &path,
+        same: SAME,
+        worse: WORSE,
+    };
+    golden.check(&now);
 }

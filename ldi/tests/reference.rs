@@ -8,6 +8,7 @@ use isophote_ldi::{Coverage, Hybrid, HybridParams, LdiParams, LdiTracer, Shadows
 use isophote_scene::{
     BuildTracer, BvhOptions, BvhTracer, InstanceMask, Scene, Selection, Tracer, builtin,
     reference::{Materials, Quantity, Settings, Tracers, render},
+    testing::{mean, relative_rmse},
 };
 
 const SIZE: [u32; 2] = [48, 36];
@@ -59,16 +60,6 @@ fn reference(
     render.estimates[0].values.clone()
 }
 
-fn mean(values: &[Vec3]) -> f32 {
-    values.iter().map(|value| value.element_sum()).sum::<f32>() / (3 * values.len()) as f32
-}
-
-fn relative_rmse(values: &[Vec3], truth: &[Vec3]) -> f32 {
-    let pairs = values.iter().zip(truth);
-    let squares: f32 = pairs.map(|(a, b)| (*a - *b).length_squared()).sum();
-    (squares / (3 * truth.len()) as f32).sqrt() / mean(truth)
-}
-
 fn unfiltered(rays: u32) -> HybridParams {
     HybridParams {
         samples: 4,
@@ -92,7 +83,7 @@ fn one_bounce_is_the_references() {
     let bias = mean(&stages.diffuse) / mean(&truth) - 1.0;
     let rmse = relative_rmse(&stages.diffuse, &truth);
     assert!(bias.abs() < 0.01 && rmse < 0.25, "{bias} {rmse}");
-    let flat = vec![Vec3::splat(mean(&truth)); truth.len()];
+    let flat = vec![Vec3::splat(mean(&truth) as f32); truth.len()];
     assert!(
         relative_rmse(&flat, &truth) > 0.5,
         "the picture is not flat"

@@ -1,14 +1,25 @@
 //! One suite for every tracer: rays of many kinds, asked of the tracer and of an oracle, and the differences counted.
 //!
 //! [`conformance`] checks what must hold for every tracer whatever its accuracy (degenerate rays miss, the range of a
-//! ray is respected, batches answer as single rays do, any hit agrees with closest hit) and measures what may differ:
-//! hits that are missing or invented, surfaces that rays leak through, and quantiles of the error in t. What is
-//! allowed of the latter is said by [`Tolerances`]; an exact tracer is allowed nothing but rounding.
+//! ray is respected, the length of its direction does not matter, batches answer as single rays do, any hit agrees with
+//! closest hit) and measures what may differ: hits that are missing or invented, surfaces that rays leak through, and
+//! quantiles of the error in t. What is allowed of the latter is said by [`Tolerances`]; an exact tracer is allowed
+//! nothing but rounding.
+//!
+//! Beside it there is what tests of techniques share: [`mean`] and [`relative_rmse`] of pictures, and [`Golden`], numbers
+//! that must stay as they were.
+
+mod difference;
+mod golden;
 
 use std::fmt;
 
 use glam::{Vec2, Vec3};
 
+pub use self::{
+    difference::{mean, relative_rmse},
+    golden::{Golden, Metrics},
+};
 use crate::{
     Aabb, Agreement, Answers, Hit, Ray, Scene, SurfaceId, Tracer,
     sample::{Frame, Sampler, cosine_hemisphere, uniform_sphere, uniform_triangle},
