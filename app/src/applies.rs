@@ -2,6 +2,7 @@
 
 use anyhow::{Result, bail};
 use clap::{ArgMatches, Args, Command, parser::ValueSource};
+use isophote_scene::reference::Quantity;
 
 /// A flag without effect, by its id, and why.
 pub(crate) struct Idle {
@@ -22,6 +23,24 @@ impl Idle {
     }
 }
 
+/// Flags that change nothing of these quantities, whatever computes them.
+pub(crate) fn of_other_quantities(quantities: &[Quantity]) -> Vec<Idle> {
+    let mut idle = Vec::new();
+    let wants = |kind: fn(Quantity) -> bool| quantities.iter().copied().any(kind);
+    if !wants(Quantity::is_occlusion) {
+        idle.extend(Idle::all(["d_max"], "light comes from everywhere"));
+    }
+    if !wants(|quantity| !quantity.is_occlusion()) {
+        let of_light = ["min_d", "materials"];
+        idle.extend(Idle::all(of_light, "occlusion knows no light"));
+    }
+    if !wants(|quantity| matches!(quantity, Quantity::Path | Quantity::IrradiancePath)) {
+        let why = "only paths have a number of bounces";
+        idle.extend(Idle::all(["path_bounces"], why));
+    }
+    idle
+}
+
 /// The ids of a group of flags.
 pub(crate) fn ids<T: Args>() -> Vec<String> {
     let command = T::augment_args(Command::new(""));
@@ -29,10 +48,11 @@ pub(crate) fn ids<T: Args>() -> Vec<String> {
     ids.collect()
 }
 
-/// An error if one of these flags was given.
+/// An error if one of these flags was given. A command need not have all of them.
 pub(crate) fn refuse(idle: &[Idle], given: &ArgMatches) -> Result<()> {
     for Idle { id, why } in idle {
-        if given.value_source(id) == Some(ValueSource::CommandLine) {
+        let is_known = given.try_contains_id(id).is_ok();
+        if is_known && given.value_source(id) == Some(ValueSource::CommandLine) {
             bail!("--{} has no effect: {why}", id.replace('_', "-"));
         }
     }

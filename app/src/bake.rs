@@ -186,7 +186,7 @@ impl BakeArgs {
     /// Flags that have no effect beside the others.
     pub(crate) fn idle(&self) -> Vec<Idle> {
         let mut idle = self.tracer_args.idle(self.tracer, self.technique);
-        idle.extend(Techniques::idle(self.technique, self.quantity));
+        idle.extend(self.techniques.idle(self.technique, self.quantity));
         match self.to {
             Target::Vertices => {
                 let why = "it is for --to texels";
@@ -335,6 +335,11 @@ fn check(args: &BakeArgs) -> Result<()> {
     ensure!(
         args.quantity.is_occlusion() || args.attribute.as_deref() != Some(COLOR),
         "irradiance is no factor of colours: give --attribute _NAME"
+    );
+    ensure!(
+        args.existing != Existing::Multiply
+            || args.to == Target::Vertices && args.attribute().name == COLOR,
+        "--existing multiply is for colours of vertices: anything else is refused or replaced"
     );
     let scene = Path::new(&args.scene);
     ensure!(

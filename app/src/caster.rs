@@ -33,6 +33,13 @@ pub(crate) struct Answered<T> {
 impl Caster {
     /// Builds the tracer; `adapter` is a part of a GPU's name.
     pub(crate) fn build(choice: Choice, adapter: Option<&str>, plan: &Plan<'_>) -> Result<Self> {
+        let (caster, seconds) = timed(|| Self::new(choice, adapter, plan));
+        let caster = caster?;
+        choice.log_built(caster.bytes(), seconds);
+        Ok(caster)
+    }
+
+    fn new(choice: Choice, adapter: Option<&str>, plan: &Plan<'_>) -> Result<Self> {
         match choice {
             Choice::Cpu(choice) => choice.build(plan).map(Self::Cpu),
             #[cfg(feature = "gpu")]

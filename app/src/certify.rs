@@ -10,15 +10,18 @@ use std::{path::PathBuf, sync::Arc};
 
 use anyhow::{Result, ensure};
 use clap::{ArgMatches, Args};
-use isophote_scene::{Agreement, Answers, Selection, check_writable, reference::Quantity};
+use isophote_scene::{
+    Agreement, Answers, Hit, Ray, Selection, check_writable, reference::Quantity,
+};
 use serde::Serialize;
 
 use self::pictures::{OfPicture, Pictures};
 use crate::{
-    applies::refuse,
+    applies::{of_other_quantities, refuse},
     caster::Caster,
     maps::MapsInfo,
-    output::{PROGRAM, Program, Voice, has_suffix, print, print_json},
+    output::{PROGRAM, Program, Voice, check_available, has_suffix, print, print_json},
+    picture::{Size, check_memory},
     rays::{self, RayKind},
     scene_args::{SceneArgs, choose_camera, note_moving, require_geometry, require_light},
     technique::TechniqueChoice,
@@ -97,9 +100,6 @@ pub(crate) struct CertifyArgs {
     changes: SceneArgs,
 }
 
-// clap takes a bare array for a list of values.
-type Size = [u32; 2];
-
 #[derive(Serialize)]
 struct Certificate<'a> {
     scene: &'a str,
@@ -144,12 +144,9 @@ struct OfRays {
 
 pub(crate) fn certify(args: &CertifyArgs, given: &ArgMatches) -> Result<()> {
     let voice = Voice::new(args.quiet);
-    refuse(
-        &args
-            .tracer_args
-            .idle(Some(args.tracer), TechniqueChoice::Reference),
-        given,
-    )?;
+    let tracer_args = &args.tracer_args;
+    let technique = TechniqueChoice::Reference;
+    refuse(&tracer_args.idle(Some(args.tracer), technique), given)?;
     for path in &args.output {
         ensure!(
             has_suffix(path, &["exr", "png"]),
@@ -161,6 +158,10 @@ pub(crate) fn certify(args: &CertifyArgs, given: &ArgMatches) -> Result<()> {
     let choice = choose(args.device, Some(args.tracer), args.adapter.as_deref())?;
     args.tracer_args.check(choice)?;
     let quantity = args.quantity_of(choice)?;
+    refuse(&of_other_quantities(&[quantity]), given)?;
+    check_memory(args.size, 1, [0, 0])?;
+    let needed = u64::from(args.count) * RAY_BYTES;
+    check_available(needed, &format!("--count {}", args.count))?;
     let mut scene = args.changes.load(&args.scene, voice)?;
     require_geometry(&scene, &args.scene)?;
     if !quantity.is_occlusion() {
@@ -265,6 +266,9 @@ impl CertifyArgs {
         })
     }
 }
+
+/// What a ray takes while it is judged: itself, what both tracers say, and its error.
+const RAY_BYTES: u64 = (size_of::<Ray>() + 2 * size_of::<Option<Hit>>() + size_of::<f32>()) as u64;
 
 const KINDS: [(RayKind, &str); 4] = [
     (RayKind::Coherent, "camera"),

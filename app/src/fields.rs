@@ -98,7 +98,6 @@ enum Samples {
 
 impl FieldArgs {
     /// Whether what is far from the camera is answered with less.
-    #[cfg(feature = "viewer")]
     pub(crate) fn depends_on_camera(&self) -> bool {
         self.field_distant.is_some()
     }

@@ -1,12 +1,13 @@
 //! `isophote info`: what a scene holds.
 
 use anyhow::Result;
-use clap::Args;
+use clap::{ArgMatches, Args};
 use glam::Vec3;
 use isophote_scene::{Aabb, Environment, Light, LightKind, Material, Projection, Scene};
 use serde::Serialize;
 
 use crate::{
+    applies::{Idle, refuse},
     output::{Voice, memory_peak_bytes, print, print_json, timed},
     scene_args::SceneArgs,
 };
@@ -122,7 +123,9 @@ struct Dropped {
     zero_area: u64,
 }
 
-pub(crate) fn info(args: &InfoArgs) -> Result<()> {
+pub(crate) fn info(args: &InfoArgs, given: &ArgMatches) -> Result<()> {
+    let why = "it is for tracers, and none is built";
+    refuse(&Idle::all(["bounds"], why).collect::<Vec<_>>(), given)?;
     // What the loader had to say is part of the report.
     let (scene, load_seconds) = timed(|| args.changes.load(&args.scene, Voice::new(true)));
     let scene = scene?;

@@ -80,7 +80,6 @@ impl LdiArgs {
     }
 
     /// Whether the share of rays that are asked for again is one of those around the camera.
-    #[cfg(feature = "viewer")]
     pub(crate) fn depends_on_camera(&self) -> bool {
         matches!(self.ldi_exact, Some(Dial::Share(_)))
     }

@@ -11,14 +11,17 @@ use std::{
 };
 
 use anyhow::{Context, Result, ensure};
-use clap::Args;
+use clap::{ArgMatches, Args};
 use isophote_scene::{Selection, check_writable, reference::Quantity, write_atomically};
 use serde::Serialize;
 
 use self::lab::Lab;
 use crate::{
+    applies::{Idle, of_other_quantities, refuse},
     metrics::Errors,
     output::{PROGRAM, Program, Voice, print, print_json},
+    pairs::Pair,
+    picture::{Size, check_memory},
     scene_args::{SceneArgs, choose_camera, note_moving, require_geometry, require_light},
     technique::{TechniqueArgs, TechniqueChoice},
     tracers::{AnyTracer, Device, TracerArgs},
@@ -97,9 +100,6 @@ pub(crate) struct MatrixArgs {
     changes: SceneArgs,
 }
 
-// clap takes a bare array for a list of values.
-type Size = [u32; 2];
-
 /// All that was found.
 #[derive(Serialize)]
 struct Matrix<'a> {
@@ -167,8 +167,48 @@ impl Measured {
     }
 }
 
-pub(crate) fn matrix(args: &MatrixArgs) -> Result<ExitCode> {
+impl MatrixArgs {
+    /// Pairs that are asked for, whether they can be or not. A tracer of the other device is not worth a row.
+    fn pairs(&self) -> impl Iterator<Item = Pair> {
+        Pair::all().filter(|pair| {
+            (self.device == Device::Auto || self.device == pair.device)
+                && (self.technique.is_empty() || self.technique.contains(&pair.technique))
+                && (self.tracer.is_empty() || self.tracer.contains(&pair.tracer))
+                && pair.tracer.runs_on(pair.device)
+        })
+    }
+
+    /// Flags that change no row.
+    fn idle(&self) -> Vec<Idle> {
+        let of = |pair: Pair| {
+            let known = |quantity: &Quantity| pair.check(&self.techniques, *quantity).is_ok();
+            let quantities: Vec<Quantity> = self.quantity.iter().copied().filter(known).collect();
+            let mut idle = self.tracer_args.idle(Some(pair.tracer), pair.technique);
+            idle.extend(self.techniques.idle(pair.technique, &quantities));
+            idle.extend(of_other_quantities(&quantities));
+            (!quantities.is_empty()).then_some(idle)
+        };
+        let mut of_pairs = self.pairs().filter_map(of);
+        let mut idle = of_pairs.next().unwrap_or_default();
+        for other in of_pairs {
+            idle.retain(|one| other.iter().any(|other| other.id == one.id));
+        }
+        idle
+    }
+
+    /// The most that a picture of any technique takes: layers, and bytes a pixel.
+    fn costs(&self) -> [u64; 2] {
+        let costs = self
+            .pairs()
+            .map(|pair| self.techniques.chosen(pair.technique).costs());
+        costs.fold([0, 0], |[a, b], [c, d]| [a.max(c), b.max(d)])
+    }
+}
+
+pub(crate) fn matrix(args: &MatrixArgs, given: &ArgMatches) -> Result<ExitCode> {
     let voice = Voice::new(args.quiet);
+    refuse(&args.idle(), given)?;
+    check_memory(args.size, args.quantity.len(), args.costs())?;
     ensure!(
         args.d_max.is_finite() || !args.quantity.contains(&Quantity::Obscurance),
         "obscurance needs a finite --d-max, since it grows with the distance over that"

@@ -6,7 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressFinish, ProgressStyle};
 use serde::Serialize;
 
@@ -137,8 +137,37 @@ pub(crate) fn memory_peak_bytes() -> Option<u64> {
 }
 
 /// The memory that could still be taken, where the system tells.
-pub(crate) fn memory_available_bytes() -> Option<u64> {
-    proc_kibibytes("/proc/meminfo", "MemAvailable:")
+fn memory_available_bytes() -> Option<u64> {
+    let free = proc_kibibytes("/proc/meminfo", "MemAvailable:");
+    free.into_iter().chain(address_space_bytes()).min()
+}
+
+/// What `ulimit -v` leaves, where it is set: an allocation beyond it ends the program.
+fn address_space_bytes() -> Option<u64> {
+    let limits = std::fs::read_to_string("/proc/self/limits").ok()?;
+    let line = limits
+        .lines()
+        .find_map(|line| line.strip_prefix("Max address space"))?;
+    let limit: u64 = line.split_whitespace().next()?.parse().ok()?;
+    let taken = proc_kibibytes("/proc/self/status", "VmSize:")?;
+    Some(limit.saturating_sub(taken))
+}
+
+/// Refuses what needs more memory than there is; `flag` says what asks for it.
+pub(crate) fn check_available(needed: u64, flag: &str) -> Result<()> {
+    if let Some(available) = memory_available_bytes() {
+        ensure!(
+            needed <= available,
+            "{flag}: needs about {:.1} GiB of memory, but only {:.1} are free",
+            gibibytes(needed),
+            gibibytes(available)
+        );
+    }
+    Ok(())
+}
+
+pub(crate) fn gibibytes(bytes: u64) -> f64 {
+    bytes as f64 / f64::from(1 << 30)
 }
 
 fn proc_kibibytes(file: &str, key: &str) -> Option<u64> {

@@ -11,8 +11,8 @@ use isophote_scene::{
 };
 
 use crate::{
-    applies::Idle,
-    output::{PROGRAM, Voice, memory_available_bytes},
+    applies::{Idle, of_other_quantities},
+    output::{PROGRAM, Voice, check_available, gibibytes},
     pairs,
     reference::{Ground, Order},
     scene_args::{SceneArgs, choose_camera, note_moving, require_geometry, require_light},
@@ -30,7 +30,8 @@ pub(crate) struct PictureArgs {
     /// How light is calculated
     #[arg(long, value_enum, default_value = "reference")]
     pub(crate) technique: TechniqueChoice,
-    /// Who answers its rays; bvh on the CPU and compute-bvh on a GPU unless given
+    /// Who answers its rays; bvh on the CPU and compute-bvh on a GPU unless given, but for the techniques ldi and field, which
+    /// have the tracers of these names
     #[arg(long, value_enum)]
     pub(crate) tracer: Option<AnyTracer>,
     /// Where; auto is where the tracer runs, or a GPU if there is one in hardware
@@ -41,7 +42,7 @@ pub(crate) struct PictureArgs {
     pub(crate) adapter: Option<String>,
     /// What to calculate: ao, obscurance, direct, indirect, path, irradiance.direct, irradiance.indirect or
     /// irradiance.path; several with commas. The techniques ldi and igi know direct, indirect, and path with as many
-    /// bounces as they have
+    /// bounces as they have, igi irradiance.indirect too; field knows ao, obscurance, direct and irradiance.direct
     #[arg(
         long,
         value_name = "NAME[,…]",
@@ -124,19 +125,10 @@ impl PictureArgs {
     pub(crate) fn idle(&self) -> Vec<Idle> {
         let mut idle = self.tracer_args.idle(self.tracer(), self.technique);
         idle.extend(self.techniques.idle(self.technique, &self.quantity));
-        let wants = |kind: fn(Quantity) -> bool| self.quantity.iter().copied().any(kind);
-        if !wants(Quantity::is_occlusion) {
-            idle.extend(Idle::all(["d_max"], "light comes from everywhere"));
-        }
-        if !wants(|quantity| !quantity.is_occlusion()) {
-            let of_light = ["min_d", "materials"];
-            idle.extend(Idle::all(of_light, "occlusion knows no light"));
-        }
-        if !wants(|quantity| matches!(quantity, Quantity::Path | Quantity::IrradiancePath)) {
-            idle.extend(Idle::all(
-                ["path_bounces"],
-                "only paths have a number of bounces",
-            ));
+        idle.extend(of_other_quantities(&self.quantity));
+        if self.technique == TechniqueChoice::Igi && self.min_d == Some(0.0) {
+            let why = "--min-d 0 leaves no light out that could be found again";
+            idle.extend(Idle::all(["igi_compensation"], why));
         }
         idle
     }
@@ -170,38 +162,7 @@ impl PictureArgs {
                 "the quantity {quantity} is asked for twice"
             );
         }
-        self.check_memory()
-    }
-
-    /// Refuses a picture that would not fit into memory, or that no one could load again.
-    fn check_memory(&self) -> Result<()> {
-        let [width, height] = self.size;
-        let (pixels, quantities) = (
-            u64::from(width) * u64::from(height),
-            self.quantity.len() as u64,
-        );
-        let [stages, bytes] = self.chosen().costs();
-        // The channels of the file: RGB of each quantity, stage and of three layers, and depth, primitive, instance.
-        let channels = 3 * (quantities + stages) + 12;
-        let file = pixels * 4 * channels;
-        // They are held three times while they are written; before, two halves and their mean.
-        let needed = 3 * file.max(pixels * 12 * quantities + pixels * 48) + pixels * bytes;
-        let gibibytes = |bytes: u64| bytes as f64 / f64::from(1 << 30);
-        ensure!(
-            file <= Image::MAX_BYTES,
-            "--size {width}x{height}: the picture has {:.1} GiB, more than the {:.0} that can be loaded again",
-            gibibytes(file),
-            gibibytes(Image::MAX_BYTES)
-        );
-        if let Some(available) = memory_available_bytes() {
-            ensure!(
-                needed <= available,
-                "--size {width}x{height}: needs about {:.1} GiB of memory, but only {:.1} are free",
-                gibibytes(needed),
-                gibibytes(available)
-            );
-        }
-        Ok(())
+        check_memory(self.size, self.quantity.len(), self.chosen().costs())
     }
 
     /// The scene as it is asked for, loaded and changed, but with nothing moved.
@@ -290,6 +251,28 @@ impl PictureArgs {
             stored.insert("path-bounces".into(), bounces.to_string());
         }
     }
+}
+
+/// Refuses a picture that would not fit into memory, or that no one could load again; `costs` are those of its technique.
+pub(crate) fn check_memory(
+    [width, height]: Size,
+    quantities: usize,
+    costs: [u64; 2],
+) -> Result<()> {
+    let (pixels, quantities) = (u64::from(width) * u64::from(height), quantities as u64);
+    let [stages, bytes] = costs;
+    // The channels of the file: RGB of each quantity, stage and of three layers, and depth, primitive, instance.
+    let channels = 3 * (quantities + stages) + 12;
+    let file = pixels * 4 * channels;
+    // They are held three times while they are written; before, two halves and their mean.
+    let needed = 3 * file.max(pixels * 12 * quantities + pixels * 48) + pixels * bytes;
+    ensure!(
+        file <= Image::MAX_BYTES,
+        "--size {width}x{height}: the picture has {:.1} GiB, more than the {:.0} that can be loaded again",
+        gibibytes(file),
+        gibibytes(Image::MAX_BYTES)
+    );
+    check_available(needed, &format!("--size {width}x{height}"))
 }
 
 /// The image of a file: quantities, stages, layers, and the header.

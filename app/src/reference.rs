@@ -20,7 +20,7 @@ use isophote_scene::{
 use crate::{
     caster::in_batches,
     maps::MapsInfo,
-    output::device,
+    output::{device, timed},
     tracers::{BuiltTracer, Choice, Plan, TracerChoice},
 };
 #[cfg(feature = "gpu")]
@@ -79,6 +79,13 @@ pub(crate) struct Made {
 impl Ground {
     /// Builds the tracer; `adapter` is a part of a GPU's name.
     pub(crate) fn build(choice: Choice, adapter: Option<&str>, plan: &Plan<'_>) -> Result<Self> {
+        let (ground, seconds) = timed(|| Self::new(choice, adapter, plan));
+        let ground = ground?;
+        choice.log_built(ground.bytes(), seconds);
+        Ok(ground)
+    }
+
+    fn new(choice: Choice, adapter: Option<&str>, plan: &Plan<'_>) -> Result<Self> {
         match choice {
             Choice::Cpu(TracerChoice::BvhBoxes) => boxes(plan),
             Choice::Cpu(choice) => Ok(Self::Cpu {

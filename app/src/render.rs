@@ -118,6 +118,7 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
     let (made, time) = timed(|| make(picture, &shot.scene, &ground, order, voice));
     let made = made?;
     seconds.render = time;
+    log_passes(&made, time);
     let noise: BTreeMap<String, f32> = made
         .render
         .estimates
@@ -151,6 +152,14 @@ pub(crate) fn render(args: &RenderArgs, mut settings: BTreeMap<String, String>) 
         noise,
         memory_peak_bytes: memory_peak_bytes(),
     })
+}
+
+fn log_passes(made: &Made, seconds: f64) {
+    for pass in &made.passes {
+        let (rays, seconds) = (pass.rays + pass.shadow_rays, pass.seconds);
+        tracing::debug!(pass = pass.name, rays, seconds, "pass done");
+    }
+    tracing::debug!(rays = made.render.rays, seconds, "picture made");
 }
 
 impl From<Pass> for PassReport {
@@ -204,10 +213,14 @@ fn make(
 
 fn write(args: &RenderArgs, image: &Image, voice: Voice) -> Result<()> {
     for path in &args.output {
-        if has_suffix(path, &["exr"]) {
-            image.save(path)?;
-        } else {
-            image.save_png(path, args.picture.exposure)?;
+        let is_exr = has_suffix(path, &["exr"]);
+        let (written, seconds) = timed(|| match is_exr {
+            true => image.save(path),
+            false => image.save_png(path, args.picture.exposure),
+        });
+        written?;
+        tracing::debug!(path = %path.display(), seconds, "picture written");
+        if !is_exr {
             voice.note(format_args!(
                 "{} shows {} as sRGB at exposure {} stops; write .exr for measuring",
                 path.display(),

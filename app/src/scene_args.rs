@@ -14,7 +14,7 @@ use isophote_scene::{
 };
 
 use crate::{
-    output::Voice,
+    output::{Voice, timed},
     tracers::AnyTracer,
     values::{self, Addition, Bounds, EnvironmentChoice, MaterialOverride, Shift},
 };
@@ -37,9 +37,8 @@ pub(crate) struct SceneArgs {
     /// degrees about +Y]; may be repeated. ':moving' marks them as not static
     #[arg(long, value_name = "FILE[#OBJECT]@X,Y,Z[,SCALE[,YAW]][:moving]", value_parser = values::addition)]
     add: Vec<Addition>,
-    /// The part of the scene that tracers hold: what suits the tracer (exact ones hold everything), everything, or
-    /// what touches a box [metres]
-    #[arg(long, value_name = "auto|scene|X0,Y0,Z0,X1,Y1,Z1", default_value = "auto", value_parser = values::bounds, allow_hyphen_values = true)]
+    /// The part of the scene that tracers hold: all of it, or what touches a box [metres]
+    #[arg(long, value_name = "all|X0,Y0,Z0,X1,Y1,Z1", default_value = "all", value_parser = values::bounds, allow_hyphen_values = true)]
     bounds: Bounds,
     /// Show animated things where they are at this time [seconds]
     #[arg(long, value_name = "SECONDS", value_parser = values::finite, allow_hyphen_values = true)]
@@ -74,7 +73,16 @@ impl SceneArgs {
 
     /// As [`load`](Self::load), with nothing moved yet: [`place`](Self::place) does that.
     pub(crate) fn load_unmoved(&self, scene: &str, voice: Voice) -> Result<Scene> {
-        self.changed(self.load_one(scene)?, voice)
+        let (loaded, seconds) = timed(|| self.load_one(scene));
+        let loaded = loaded?;
+        tracing::debug!(
+            scene,
+            triangles = loaded.triangle_count(),
+            bytes = loaded.bytes(),
+            seconds,
+            "scene loaded"
+        );
+        self.changed(loaded, voice)
     }
 
     /// Puts what moves where it is asked to be.
@@ -113,10 +121,10 @@ impl SceneArgs {
         Ok(scene)
     }
 
-    /// The box given with `--bounds`. Exact tracers hold everything otherwise.
+    /// The box given with `--bounds`.
     pub(crate) fn bounds(&self) -> Option<Aabb> {
         match self.bounds {
-            Bounds::Auto | Bounds::Scene => None,
+            Bounds::All => None,
             Bounds::Box(bounds) => Some(bounds),
         }
     }

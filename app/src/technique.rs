@@ -32,7 +32,8 @@ pub(crate) enum TechniqueChoice {
     Ldi,
     /// Instant global illumination: the light that bounced as that of virtual point lights, one shadow ray each
     Igi,
-    /// Layered depth maps along fixed directions: ambient occlusion, obscurance and light that bounced once
+    /// Layered depth maps along fixed directions: ambient occlusion, obscurance, and light by photons that bounce as often as
+    /// --ldm-bounces says
     Ldm,
     /// Displacement fields around objects: ambient occlusion, obscurance and shadows; the reference's rays, by the tracer field
     Field,

@@ -8,11 +8,14 @@ use isophote_scene::{Hit, Ray, Selection, SurfaceId, check_writable};
 use serde::Serialize;
 
 use crate::{
-    applies::refuse,
+    applies::{Idle, refuse},
     caster::{Answered, Caster},
     maps::MapsInfo,
     npy,
-    output::{PROGRAM, Program, Voice, has_suffix, memory_peak_bytes, print, print_json, timed},
+    output::{
+        PROGRAM, Program, Voice, check_available, has_suffix, memory_peak_bytes, print, print_json,
+        timed,
+    },
     rays::{self, RayKind},
     scene_args::{SceneArgs, choose_camera, note_moving, require_geometry},
     technique::TechniqueChoice,
@@ -66,7 +69,7 @@ pub(crate) struct TraceArgs {
     /// Chooses the rays that are made
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// The camera that rays are made around; the scene's first one unless given
+    /// The camera that rays are made around, and near which some tracers answer better; the scene's first one unless given
     #[arg(long, value_name = "NAME")]
     camera: Option<String>,
     /// Threads to use; all unless given
@@ -124,20 +127,45 @@ struct Report<'a> {
     program: Program,
 }
 
+impl TraceArgs {
+    /// Flags that have no effect beside the others.
+    fn idle(&self) -> Vec<Idle> {
+        let technique = TechniqueChoice::Reference;
+        let mut idle = self.tracer_args.idle(self.tracer, technique);
+        match self.make {
+            Some(kind) => {
+                let why = "rays are made on the CPU, and not traced: it is for --rays";
+                idle.extend(Idle::all(["mode", "repeat", "device"], why));
+                if kind == RayKind::Coherent {
+                    let why = "nothing is random in coherent rays";
+                    idle.extend(Idle::all(["seed"], why));
+                }
+            }
+            None => {
+                idle.extend(Idle::all(["count", "seed"], "it is for --make"));
+                if !self.tracer_args.depends_on_camera() {
+                    let why = "it is for --make, and for tracers that answer by what is near it";
+                    idle.extend(Idle::all(["camera"], why));
+                }
+            }
+        }
+        idle
+    }
+}
+
 pub(crate) fn trace(args: &TraceArgs, given: &ArgMatches) -> Result<()> {
     let voice = Voice::new(args.quiet);
-    refuse(
-        &args
-            .tracer_args
-            .idle(args.tracer, TechniqueChoice::Reference),
-        given,
-    )?;
+    refuse(&args.idle(), given)?;
     ensure!(
         has_suffix(&args.output, &["npy"]),
         "{}: unknown suffix; .npy is known",
         args.output.display()
     );
     check_writable(&args.output)?;
+    if args.make.is_some() {
+        let needed = u64::from(args.count) * size_of::<Ray>() as u64;
+        check_available(needed, &format!("--count {}", args.count))?;
+    }
     let rays = match &args.rays {
         Some(path) => npy::read_rays(path)?,
         None => Vec::new(),

@@ -19,21 +19,26 @@ use crate::{
     technique::TechniqueChoice,
 };
 
-/// Who answers rays.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+/// Who answers rays on the CPU.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum TracerChoice {
-    /// Exact, by a bounding volume hierarchy
     Bvh,
-    /// The boxes around triangles, by the same hierarchy
     BvhBoxes,
-    /// Exact, by testing every triangle: slow, for checking
     BruteForce,
-    /// Layered depth images: see --ldi-layers
     Ldi,
-    /// Displacement fields: see --field-rings
     Field,
-    /// Layered depth maps: see --ldm-maps
     Ldm,
+}
+
+/// Who answers rays on a GPU.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum GpuTracerChoice {
+    ComputeBvh,
+    RayQuery,
+    Boxes,
+    ComputeBoxes,
+    Ldi,
+    Field,
 }
 
 /// Who answers rays, wherever.
@@ -130,11 +135,20 @@ impl Choice {
     /// What its answers hold.
     pub(crate) fn answers(self) -> Answers {
         match self {
-            Self::Cpu(TracerChoice::Field | TracerChoice::Ldm)
-            | Self::Gpu(GpuTracerChoice::Field) => Answers::Distance,
-            _ if self.is_of_boxes() => Answers::Distance,
-            _ => Answers::Surface,
+            Self::Cpu(TracerChoice::Bvh | TracerChoice::BruteForce | TracerChoice::Ldi)
+            | Self::Gpu(
+                GpuTracerChoice::ComputeBvh | GpuTracerChoice::RayQuery | GpuTracerChoice::Ldi,
+            ) => Answers::Surface,
+            Self::Cpu(TracerChoice::BvhBoxes | TracerChoice::Field | TracerChoice::Ldm)
+            | Self::Gpu(
+                GpuTracerChoice::Boxes | GpuTracerChoice::ComputeBoxes | GpuTracerChoice::Field,
+            ) => Answers::Distance,
         }
+    }
+
+    /// Says in the log that such a tracer was built.
+    pub(crate) fn log_built(self, bytes: usize, seconds: f64) {
+        tracing::debug!(tracer = self.name(), bytes, seconds, "tracer built");
     }
 
     /// As on the command line.
@@ -190,17 +204,6 @@ fn has_hardware() -> bool {
     false
 }
 
-/// Who answers rays on a GPU.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum GpuTracerChoice {
-    ComputeBvh,
-    RayQuery,
-    Boxes,
-    ComputeBoxes,
-    Ldi,
-    Field,
-}
-
 /// What can be chosen of a tracer.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct TracerArgs {
@@ -252,7 +255,6 @@ impl TracerArgs {
     }
 
     /// Whether a tracer must be built again where the camera stands elsewhere.
-    #[cfg(feature = "viewer")]
     pub(crate) fn depends_on_camera(&self) -> bool {
         self.ldi.depends_on_camera() || self.field.depends_on_camera()
     }

@@ -294,19 +294,16 @@ pub(crate) fn viewpoint(text: &str) -> Option<Camera> {
 /// Which part of the scene tracers hold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Bounds {
-    /// What suits the tracer; exact ones hold everything.
-    Auto,
-    /// Everything.
-    Scene,
+    All,
     /// What touches a box.
     Box(Aabb),
 }
 
-/// `auto`, `scene` or the box's six numbers.
+/// `all` or the box's six numbers.
 pub(crate) fn bounds(text: &str) -> Result<Bounds, String> {
     match text {
-        "auto" => Ok(Bounds::Auto),
-        "scene" => Ok(Bounds::Scene),
+        // The others stand in headers of older files.
+        "all" | "auto" | "scene" => Ok(Bounds::All),
         _ => numbers(text, 6..=6)
             .map(|v| Aabb {
                 min: Vec3::new(v[0], v[1], v[2]),
@@ -315,8 +312,7 @@ pub(crate) fn bounds(text: &str) -> Result<Bounds, String> {
             .filter(|bounds| !bounds.is_empty())
             .map(Bounds::Box)
             .ok_or_else(|| {
-                "expected auto, scene or X0,Y0,Z0,X1,Y1,Z1 in metres, the smaller corner first"
-                    .into()
+                "expected all or X0,Y0,Z0,X1,Y1,Z1 in metres, the smaller corner first".into()
             }),
     }
 }
@@ -448,7 +444,9 @@ mod tests {
 
     #[test]
     fn boxes_have_an_inside() {
-        assert_eq!(bounds("auto"), Ok(Bounds::Auto));
+        for all in ["all", "auto", "scene"] {
+            assert_eq!(bounds(all), Ok(Bounds::All));
+        }
         assert!(matches!(bounds("0,0,0,1,1,1"), Ok(Bounds::Box(_))));
         for wrong in ["", "0,0,0,1,1", "1,0,0,0,1,1", "0,0,0,1,1,nan"] {
             assert!(bounds(wrong).is_err(), "{wrong}");

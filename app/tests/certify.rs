@@ -118,6 +118,16 @@ fn what_cannot_be_is_refused() {
             &["--tracer=bvh", "--ldi-cells=2"],
             "--ldi-cells has no effect",
         ),
+        (
+            &["--tracer=ldi", "--quantity=direct", "--d-max=0.5"],
+            "light comes from everywhere",
+        ),
+        // What is chosen unless a quantity is given is indirect.
+        (
+            &["--tracer=ldi", "--d-max=0.5"],
+            "light comes from everywhere",
+        ),
+        (&["--tracer=ldi", "--size=16384x16384"], "GiB"),
         (&["--tracer=compute-bvh"], "runs on a GPU"),
     ] {
         let output = Command::new(cargo_bin!("isophote"))

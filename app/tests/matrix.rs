@@ -10,13 +10,17 @@ use std::{
 use assert_cmd::cargo::cargo_bin;
 use serde_json::Value;
 
-/// Everything small, and fields of everything.
-const QUICK: [&str; 14] = [
+const QUICK: [&str; 6] = [
     "matrix",
     "builtin:cornell",
     "--size=24x18",
     "--spp=16",
     "--reference-spp=256",
+    "-q",
+];
+
+/// Everything small, and fields of everything.
+const SMALL: [&str; 8] = [
     "--ldi-resolution=32",
     "--igi-paths=64",
     "--ldm-maps=32",
@@ -25,7 +29,6 @@ const QUICK: [&str; 14] = [
     "--field-rings=4",
     "--field-resolution=8",
     "--field-least-triangles=2",
-    "-q",
 ];
 
 fn run(folder: &Path, more: &[&str]) -> Output {
@@ -40,16 +43,14 @@ fn run(folder: &Path, more: &[&str]) -> Output {
 #[test]
 fn every_pair_on_the_cpu_makes_its_picture() {
     let folder = tempfile::tempdir().unwrap();
-    let output = run(
-        folder.path(),
-        &[
-            "--device=cpu",
-            "--quantity=ao,indirect",
-            "--json",
-            "-o",
-            "out",
-        ],
-    );
+    let all = [
+        "--device=cpu",
+        "--quantity=ao,indirect",
+        "--json",
+        "-o",
+        "out",
+    ];
+    let output = run(folder.path(), &[&SMALL[..], &all].concat());
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{said}");
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -98,8 +99,7 @@ fn every_pair_on_the_cpu_makes_its_picture() {
     assert!(measured >= 18, "{measured}");
     let page = std::fs::read_to_string(folder.path().join("out/index.html")).unwrap();
     assert!(
-        page.contains("wins at equal error")
-            && page.contains("<img src=\"igi-field-cpu-indirect.png\"")
+        page.contains("at equal error") && page.contains("<img src=\"igi-field-cpu-indirect.png\"")
     );
     let json = std::fs::read(folder.path().join("out/matrix.json")).unwrap();
     assert_eq!(serde_json::from_slice::<Value>(&json).unwrap(), found);
@@ -123,4 +123,38 @@ fn a_tracer_that_cannot_be_of_the_scene_is_a_failure_that_is_told() {
         said.contains("FAILED") && said.contains("--field-least-triangles"),
         "{said}"
     );
+}
+
+#[test]
+fn what_changes_no_row_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (flags, expected) in [
+        (
+            &["--technique=reference", "--tracer=bvh", "--igi-paths=7"][..],
+            "--technique igi",
+        ),
+        (
+            &["--technique=reference", "--tracer=bvh", "--ldi-cells=2"],
+            "the tracer ldi",
+        ),
+        // The technique ldi is not for ao, so that its flags are for no row.
+        (
+            &[
+                "--technique=ldi,reference",
+                "--quantity=ao",
+                "--ldi-samples=4",
+            ],
+            "--technique ldi",
+        ),
+        (&["--quantity=indirect", "--d-max=1"], "everywhere"),
+        (&["--size=16384x16384"], "GiB"),
+    ] {
+        let output = run(folder.path(), flags);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{flags:?}: {said}");
+        assert!(
+            said.lines().count() == 1 && said.contains(expected),
+            "{flags:?}: {said}"
+        );
+    }
 }

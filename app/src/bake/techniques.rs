@@ -66,7 +66,7 @@ impl Techniques {
     }
 
     /// Flags without effect.
-    pub(super) fn idle(technique: TechniqueChoice, quantity: Quantity) -> Vec<Idle> {
+    pub(super) fn idle(&self, technique: TechniqueChoice, quantity: Quantity) -> Vec<Idle> {
         let mut idle = Vec::new();
         match technique {
             TechniqueChoice::Ldm => {
@@ -93,6 +93,10 @@ impl Techniques {
                 idle.extend(Idle::all(["samples"], why));
                 let why = "the light of virtual lights bounces once";
                 idle.extend(Idle::all(["path_bounces"], why));
+                if self.igi.min_d == 0.0 {
+                    let why = "--min-d 0 leaves no light out that could be found again";
+                    idle.extend(Idle::all(["igi_compensation"], why));
+                }
             }
             _ => {}
         }

@@ -29,10 +29,6 @@ pub(super) fn check(
     is_occlusion: bool,
     existing: Existing,
 ) -> Result<()> {
-    ensure!(
-        existing != Existing::Multiply,
-        "--existing multiply is for colours of vertices: a texture is refused or replaced"
-    );
     for mesh in &source.meshes {
         for own in &mesh.primitives {
             let json = &document.json["meshes"][mesh.mesh]["primitives"][own.primitive];

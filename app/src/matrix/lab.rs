@@ -111,20 +111,11 @@ impl<'a> Lab<'a> {
     }
 
     fn pairs(&self) -> impl Iterator<Item = Pair> + '_ {
-        let args = self.args;
         let on_gpu = has_adapter();
-        Pair::all().filter(move |pair| {
-            let is_wanted = match args.device {
-                Device::Auto => on_gpu || pair.device == Device::Cpu,
-                device => pair.device == device,
-            };
-            is_wanted
-                && (args.technique.is_empty() || args.technique.contains(&pair.technique))
-                && (args.tracer.is_empty() || args.tracer.contains(&pair.tracer))
-                // A tracer of the other device is not worth a row.
-                && pair.tracer.runs_on(pair.device)
+        self.args.pairs().filter(move |pair| {
+            (self.args.device != Device::Auto || on_gpu || pair.device == Device::Cpu)
                 && (pair.tracer != AnyTracer::BruteForce
-                    || !args.tracer.is_empty()
+                    || !self.args.tracer.is_empty()
                     || self.scene.triangle_count() <= BRUTE_FORCE)
         })
     }

@@ -107,14 +107,19 @@ impl Matrix<'_> {
         best
     }
 
-    /// Which pair wins.
+    /// Which pair wins, of each quantity and device that the reference technique was measured for.
     fn winners(&self) -> Vec<String> {
         let of = |(row, found): (&Row, &Measured)| {
             let gain = found.gain()?;
-            Some(format!(
-                "{} on the {}: {} over {} wins at equal error, {gain:.2} times as fast as the reference technique",
-                row.quantity, row.device, row.technique, row.tracer
-            ))
+            let place = format!("{} on the {}", row.quantity, row.device);
+            Some(if row.is_exact_reference() || gain <= 1.0 {
+                format!("{place}: nothing beats the reference technique at equal error")
+            } else {
+                format!(
+                    "{place}: {} over {} wins at equal error, {gain:.2} times as fast as the reference technique",
+                    row.technique, row.tracer
+                )
+            })
         };
         self.best().into_iter().filter_map(of).collect()
     }
@@ -200,4 +205,64 @@ fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+    use crate::{matrix::estimate, metrics::Errors, output::PROGRAM};
+
+    /// A row of a technique over bvh with a value everywhere where 1 is right, and the seconds it took.
+    fn row(technique: &str, value: f32, render_seconds: f64) -> Row {
+        let [test, reference] = [value, 1.0].map(|value| vec![glam::Vec3::splat(value); 4]);
+        Row {
+            technique: technique.into(),
+            tracer: "bvh".into(),
+            device: "cpu",
+            quantity: "indirect",
+            is_occlusion: false,
+            outcome: Outcome::Measured(Measured {
+                errors: Errors::of(&test, &reference),
+                build_seconds: 0.0,
+                render_seconds,
+                tracer_bytes: 0,
+                leak_rate: 0.0,
+                reference_seconds: None,
+                is_black: false,
+                picture: None,
+            }),
+        }
+    }
+
+    fn winners(mut rows: Vec<Row>) -> Vec<String> {
+        estimate(&mut rows);
+        let matrix = Matrix {
+            scene: "",
+            program: PROGRAM,
+            triangles: 0,
+            threads: 1,
+            size: [2, 2],
+            samples: 1,
+            reference_samples: 1,
+            reference_noise: BTreeMap::new(),
+            rows,
+        };
+        matrix.winners()
+    }
+
+    #[test]
+    fn nothing_wins_over_itself() {
+        let reference = || row("reference", 1.1, 1.0);
+        let nothing = ["indirect on the cpu: nothing beats the reference technique at equal error"];
+        assert_eq!(winners(vec![reference()]), nothing);
+        assert_eq!(winners(vec![reference(), row("igi", 1.2, 0.5)]), nothing);
+        let won = winners(vec![reference(), row("igi", 1.1, 0.5)]);
+        assert!(
+            won.len() == 1 && won[0].contains("igi over bvh wins") && won[0].contains("2.00"),
+            "{won:?}"
+        );
+        assert!(winners(vec![row("igi", 1.1, 0.5)]).is_empty());
+    }
 }

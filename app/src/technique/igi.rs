@@ -210,6 +210,20 @@ impl Technique for IgiTechnique {
             let maps = ["igi_map_size", "igi_map_bias", "igi_map_lookup"];
             idle.extend(Idle::all(maps, "it is for --igi-visibility maps"));
         }
+        let (is_coarse, is_tiled) = (self.igi_downsampling > 1, self.igi_interleaving != [1, 1]);
+        if !is_coarse {
+            let why = "every pixel is lit itself: it is for --igi-downsampling";
+            idle.extend(Idle::all(["igi_refine"], why));
+        }
+        if !is_tiled {
+            let why = "every sample has all lights: it is for --igi-interleaving";
+            idle.extend(Idle::all(["igi_pattern"], why));
+        }
+        if !is_coarse && !is_tiled {
+            let why =
+                "samples are the picture: it is for --igi-downsampling and --igi-interleaving";
+            idle.extend(Idle::all(["igi_filter"], why));
+        }
         idle
     }
 

@@ -125,6 +125,10 @@ impl Technique for LdiTechnique {
             Idle::all(of_reference, "the technique ldi does not know it").collect();
         let why = "the technique ldi counts rays: --ldi-diffuse-rays, --ldi-glossy-rays, --ldi-light-rays";
         idle.extend(Idle::all(["spp"], why));
+        if self.ldi_filter_width == 1 && self.ldi_light_filter_width == 1 {
+            let why = "nothing is filtered: both widths are 1";
+            idle.extend(Idle::all(["ldi_filter_sigma", "ldi_filter_stops"], why));
+        }
         idle
     }
 

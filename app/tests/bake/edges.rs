@@ -277,6 +277,14 @@ fn what_cannot_be_is_refused_in_one_line() {
             "a.glb --to texels --existing multiply -o b.glb",
             "for colours of vertices",
         ),
+        (
+            "a.glb --attribute _AO --existing multiply -o b.glb",
+            "for colours of vertices",
+        ),
+        (
+            "a.glb --technique igi --quantity irradiance.indirect --min-d 0 --igi-compensation 9 -o b.glb",
+            "found again",
+        ),
         ("a.glb -o b.glb -o c.glb", "one .glb is written"),
     ] {
         let said = place.refused(arguments);

@@ -189,6 +189,14 @@ fn flags_without_effect_are_refused() {
         (&["--ldi-samples=2"], "1 or 4"),
         (&["--ldi-filter-width=4"], "odd"),
         (&["--ldi-filter-sigma=0"], "0.1"),
+        (
+            &["--ldi-filter-sigma=5", "--ldi-filter-width=1"],
+            "nothing is filtered",
+        ),
+        (
+            &["--ldi-filter-stops=nowhere", "--ldi-filter-width=1"],
+            "nothing is filtered",
+        ),
         (&["--ldi-texture-level=-1"], "0 to 32"),
         (&["--ldi-layers=center", "--ldi-exact=200%"], "share"),
         (&["--ldi-depth-error=0"], "1/64 to 4096"),
@@ -197,16 +205,27 @@ fn flags_without_effect_are_refused() {
     ] {
         place.refused(&hybrid(&[flags, &["-o", "out.exr"]].concat()), expected);
     }
+    for (flags, expected) in [
+        (&["--ldi-cells=4"][..], "the tracer ldi"),
+        (&["--count=77"], "--make"),
+        (&["--seed=9"], "--make"),
+        (&["--camera=auto"], "--make"),
+    ] {
+        let trace = ["trace", "builtin:cornell", "--rays=a.npy", "-o", "out.npy"];
+        place.refused(&[&trace[..], flags].concat(), expected);
+    }
+    for (flags, expected) in [
+        (&["--make=diffuse", "--mode=any"][..], "--rays"),
+        (&["--make=diffuse", "--repeat=9"], "--rays"),
+        (&["--make=diffuse", "--device=gpu"], "--rays"),
+        (&["--make=coherent", "--seed=9"], "nothing is random"),
+    ] {
+        let trace = ["trace", "builtin:cornell", "-o", "out.npy"];
+        place.refused(&[&trace[..], flags].concat(), expected);
+    }
     place.refused(
-        &[
-            "trace",
-            "builtin:cornell",
-            "--rays=a.npy",
-            "--ldi-cells=4",
-            "-o",
-            "out.npy",
-        ],
-        "the tracer ldi",
+        &["info", "builtin:cornell", "--bounds=0,0,0,1,1,1"],
+        "tracers",
     );
 }
 

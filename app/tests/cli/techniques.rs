@@ -79,6 +79,19 @@ fn the_technique_igi_renders() {
             "--igi-visibility rays",
         ),
         (&["--technique=ldi", "--igi-paths=4"], "--technique igi"),
+        (
+            &["--technique=igi", "--igi-pattern=irregular"],
+            "--igi-interleaving",
+        ),
+        (&["--technique=igi", "--igi-refine=3"], "--igi-downsampling"),
+        (
+            &["--technique=igi", "--igi-filter=paper"],
+            "samples are the picture",
+        ),
+        (
+            &["--technique=igi", "--igi-compensation=9", "--min-d=0"],
+            "found again",
+        ),
     ] {
         place.refused(
             &[&["render", "builtin:cornell", "-o", "out.exr"], flags].concat(),

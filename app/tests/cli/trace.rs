@@ -15,7 +15,6 @@ fn tracers_agree_on_rays_from_files() {
             "--make",
             kind,
             "--count=2000",
-            "--seed=3",
             "-q",
             "-o",
             &rays,

@@ -187,19 +187,15 @@ impl Bench<'_> {
         for kind in KINDS {
             eprintln!("{scene}: making {kind} rays");
             let (count, seed) = (self.arguments.count, self.arguments.seed);
-            let rays = self.file(kind);
-            self.isophote.run(&[
-                "trace",
-                scene,
-                "--make",
-                kind,
-                "--count",
-                &count.to_string(),
-                "--seed",
-                &seed.to_string(),
-                "-o",
-                &rays,
-            ])?;
+            let (count, seed, rays) = (count.to_string(), seed.to_string(), self.file(kind));
+            let mut make = vec![
+                "trace", scene, "--make", kind, "--count", &count, "-o", &rays,
+            ];
+            // Nothing is random in coherent rays.
+            if kind != "coherent" {
+                make.extend(["--seed", &seed]);
+            }
+            self.isophote.run(&make)?;
         }
         let mut threads = vec![1, self.threads];
         threads.dedup();
